@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def program_parser(program: str, description: str | None) -> argparse.ArgumentParser:
-    """A parser for the command line `python -m robots.<program>`."""
+    """Return a parser for the command line `python -m robots.<program>`."""
     return argparse.ArgumentParser(prog=f"python -m robots.{program}", description=description)
 
 
@@ -55,7 +55,9 @@ def add_without(parser: argparse.ArgumentParser, layers: Collection[str]) -> Non
 
 
 def number_between(least: float, most: float, what: str) -> Callable[[str], float]:
-    """The type of an option with a number from *least* to *most*. Errors call the option *what*."""
+    """Return the type of an option with a number from *least* to *most*. Errors call the option
+    *what*.
+    """
 
     def number(text: str) -> float:
         if not least <= float(text) <= most:

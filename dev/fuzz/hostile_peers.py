@@ -56,7 +56,7 @@ class _Steps:
         return self.choices.below(12)
 
     def clock(self) -> float:
-        """The present time."""
+        """Return the present time."""
         return self.now
 
 

@@ -88,7 +88,7 @@ class Mutant:
         return b"".join([*lines[:first], changed, *lines[last + 1 :]]).decode()
 
     def diff(self) -> str:
-        """The mutant's change, with the lines around."""
+        """Return the mutant's change, with the lines around."""
         here, there = (text.splitlines(keepends=True) for text in (self.original, self.source))
         return "".join(
             difflib.unified_diff(here, there, str(self.path), f"mutant: {self.kind}", n=3)

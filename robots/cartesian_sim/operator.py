@@ -49,7 +49,7 @@ class Operator:
         self.joints: dict[str, Joint] = {name: getattr(components, name) for name in JOINTS}
 
     def module(self, central: CentralAddress = None) -> Module:
-        """The module that handles the commands. Stopping commands do not wait for others."""
+        """Return the module that handles the commands. Stopping commands do not wait for others."""
         module = Module("cleaning robot", central)
         at_once = module.resource("at once")
         module.handles(ENABLE)(self.enable)
@@ -130,11 +130,11 @@ class Operator:
     # --- shared by the commands -------------------------------------------------------------------
 
     def _all_are(self, region: str, state: str) -> bool:
-        """Whether this region of all joints is in this state."""
+        """Return whether this region of all joints is in this state."""
         return all(joint.regions[region].is_in(state) for joint in self.joints.values())
 
     def _any_is(self, state: str) -> bool:
-        """Whether the referencing region of any joint is in this state."""
+        """Return whether the referencing region of any joint is in this state."""
         return any(joint.referencing.is_in(state) for joint in self.joints.values())
 
     def _command_joints(self, command: str) -> None:

@@ -11,8 +11,8 @@ THRESHOLD = 0.5
 
 
 def likelihood(candidate: Candidate) -> float:
-    """The value of an early arm move: the probability that the move is needed. The progress of the
-    base does not count.
+    """Return the value of an early arm move: the probability that the move is needed. The progress
+    of the base does not count.
     """
     return candidate.probability
 

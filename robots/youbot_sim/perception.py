@@ -14,7 +14,7 @@ CERTAIN = 0.05
 
 
 def updated_confidence(confidence: float | None, *, is_free: bool) -> float:
-    """The confidence after a look; *confidence* is None before the first one."""
+    """Return the confidence after a look; *confidence* is None before the first one."""
     seen = float(is_free)
     if confidence is None or abs(seen - confidence) / 2 < CERTAIN:
         return seen

@@ -47,7 +47,7 @@ class Comparison:
 
 
 def random_lid(seed: int) -> Lid:
-    """A lid that is put on and taken off at random times."""
+    """Return a lid that is put on and taken off at random times."""
     dice = random.Random(seed)  # noqa: S311 - not for secrets
     starts_covered, changes, time = dice.random() < 0.5, [], 0.0
     while (time := time + dice.uniform(SHORTEST, LONGEST)) < AT_BOX_B:

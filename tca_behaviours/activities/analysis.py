@@ -34,19 +34,20 @@ class Demand(NamedTuple):
 
 
 def period(processor: Sequence[Demand]) -> float:
-    """The period of a processor: the least of its activities."""
+    """Return the period of a processor: the least of its activities."""
     return min(activity.period for activity in processor)
 
 
 def utilisation(activities: Sequence[Demand]) -> float:
-    """The share of time that activities need."""
+    """Return the share of time that activities need."""
     return sum(activity.cost / activity.period for activity in activities)
 
 
 def response_bounds(
     processors: Sequence[Sequence[Demand]], *, preemptive: bool = False
 ) -> list[float | None]:
-    """The response-time bound of each processor; None if it may exceed the processor's period.
+    """Return the response-time bound of each processor; None if it may exceed the processor's
+    period.
 
     A processor is given by the demands of its activities. The highest priority comes first.
     """
@@ -61,7 +62,7 @@ def response_bounds(
 def response_bound(
     processor: Sequence[Demand], higher: Sequence[Demand], lower: Sequence[Demand]
 ) -> float | None:
-    """The bound for one processor; None if it may exceed the processor's period.
+    """Return the bound for one processor; None if it may exceed the processor's period.
 
     *higher* are the activities of higher priority. *lower* are the activities of lower priority
     that can't be preempted.
@@ -91,7 +92,7 @@ def liu_layland(number: int) -> float:
 
 
 def is_hyperbolic(utilisations: Iterable[float]) -> bool:
-    """Whether processors with these utilisations are schedulable by the hyperbolic bound.
+    """Return whether processors with these utilisations are schedulable by the hyperbolic bound.
 
     This bound accepts more than the bound of Liu and Layland.
     """

@@ -268,12 +268,12 @@ class Application:
     # --- reports ----------------------------------------------------------------------------------
 
     def allocation(self) -> AllocationReport:
-        """The present allocation of the activities."""
+        """Return the present allocation of the activities."""
         with self._baton.lock:
             return allocation_report(self.name, self.policy, self.is_running, self._baton.schedule)
 
     def figures(self) -> ApplicationFigures:
-        """The measured figures, and the results of the analysis."""
+        """Return the measured figures, and the results of the analysis."""
         with self._baton.lock:
             now = self._baton.clock()
             running_for = (now if self.is_running else self._stopped_at) - self._started_at
@@ -309,7 +309,9 @@ class Application:
 
 
 def _checked_shape(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
-    """The allocation as a dictionary of lists. Raises MisuseError if it has another shape."""
+    """Return the allocation as a dictionary of lists. Raises MisuseError if it has another
+    shape.
+    """
     try:
         return msgspec.convert(allocation, _Allocation)
     except msgspec.ValidationError as error:

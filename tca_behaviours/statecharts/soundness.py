@@ -88,5 +88,5 @@ def check_no_cycle(successors: Mapping[T, Iterable[T]]) -> None:
 
 
 def named(states: Iterable[object]) -> str:
-    """The states in a sentence: "'a', 'b' and 'c'"."""
+    """Return the states in a sentence: "'a', 'b' and 'c'"."""
     return listed(list(map(repr, states)))

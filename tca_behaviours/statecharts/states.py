@@ -20,7 +20,7 @@ class UnsoundMachine(MisuseError):
 
 
 def name_of(function: Callable[..., object]) -> str:
-    """The name of a guard or step, for texts."""
+    """Return the name of a guard or step, for texts."""
     return getattr(function, "__name__", type(function).__name__)
 
 
@@ -56,21 +56,21 @@ class State(Generic[S, A]):
         return arrow
 
     def lines(self) -> Iterator[str]:
-        """The lines that describe the state in a picture."""
+        """Yield the lines that describe the state in a picture."""
         yield from ()
 
     def chart_state(self) -> ChartState:
-        """The state as data, once the states are numbered."""
+        """Return the state as data, once the states are numbered."""
         parent = self.parent.number if self.parent is not None else -1
         return ChartState(self.label, self.kind, parent, lines=list(self.lines()))
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of this state, as data."""
+        """Yield the transitions that lead out of this state, as data."""
         for arrow in self.arrows:
             yield ChartArrow(self.number, arrow.target.number, arrow.symbol)
 
     def containers(self) -> Iterator[S]:
-        """The containers around this state, innermost first."""
+        """Yield the containers around this state, innermost first."""
         state = self.parent
         while state is not None:
             yield state
@@ -122,7 +122,7 @@ class Arrow(Generic[S]):
         """The state that the arrow leads to, once the machine is built."""
 
     def __repr__(self) -> str:
-        """The transition as it is written."""
+        """Return the transition as it is written."""
         return f"{self.source!r}.to({self.label!r}, on='{self.event}')"
 
     @property
@@ -153,7 +153,7 @@ class Arrow(Generic[S]):
         return both - {self.source, self.target}
 
     def holds(self, _situation: Any = None) -> bool:
-        """Whether the guard allows the transition in the present situation."""
+        """Return whether the guard allows the transition in the present situation."""
         return True
 
     def resolve(self, labelled: dict[str, S]) -> None:
@@ -167,12 +167,12 @@ class Arrow(Generic[S]):
         self.target = target
 
     def is_hidden_by(self, other: "Arrow[S]") -> bool:
-        """Whether this arrow is never taken if *other* comes first."""
+        """Return whether this arrow is never taken if *other* comes first."""
         return self.event == other.event and (not other.conditions or self.key == other.key)
 
 
 def chart_of(name: str, states: Sequence[State[Any, Any]]) -> MachineChart:
-    """The machine as data. Numbers its states by their places."""
+    """Return the machine as data. Numbers its states by their places."""
     for number, state in enumerate(states):
         state.number = number
     arrows = [arrow for state in states for arrow in state.chart_arrows()]

@@ -68,12 +68,12 @@ def support_check(task: Task) -> None:
 
 
 def hanging_legs(readings: Readings) -> list[int]:
-    """The legs that bear no load."""
+    """Return the legs that bear no load."""
     return [leg for leg, load in enumerate(readings.loads) if load < LEAST_LOAD]
 
 
 def tilt(readings: Readings) -> float:
-    """The inclination (rad) of the body."""
+    """Return the inclination (rad) of the body."""
     return math.hypot(readings.roll, readings.pitch)
 
 

@@ -92,7 +92,7 @@ class FaultyPlant:
         return begun
 
     def has(self, kind: str, leg: int) -> bool:
-        """Whether a leg has a present fault of this kind."""
+        """Return whether a leg has a present fault of this kind."""
         return any(fault.kind == kind and fault.leg == leg for fault in self.faults)
 
     def clear(self, leg: int, *kinds: str, operator: bool = False) -> bool:
@@ -103,11 +103,13 @@ class FaultyPlant:
         return not remaining
 
     def amplifiers(self) -> tuple[bool, ...]:
-        """Which legs' amplifiers are on."""
+        """Return which legs' amplifiers are on."""
         return tuple(not self.has("amplifier trip", leg) for leg in LEGS)
 
     def encoder_offsets(self) -> tuple[float, ...]:
-        """The error (m) of each leg's relative encoder, compared with the absolute encoder."""
+        """Return the error (m) of each leg's relative encoder, compared with the absolute
+        encoder.
+        """
         drifts = {
             fault.leg: fault.size or DRIFT
             for fault in reversed(self.faults)
@@ -127,12 +129,12 @@ class FaultyPlant:
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
-        """The joint values, as the relative encoders measure them."""
+        """Return the joint values, as the relative encoders measure them."""
         joints: Array = self.plant.joints() + self._offsets()
         return joints
 
     def loads(self) -> Array:
-        """The loads on the feet; NaN from a broken force sensor."""
+        """Return the loads on the feet; NaN from a broken force sensor."""
         loads = self.plant.loads()
         for fault in self.faults:
             if fault.kind == "force sensor":
@@ -178,13 +180,13 @@ class FaultyPlant:
         return False
 
     def _stance(self, joints: Array | None = None) -> Stance:
-        """The true stance; with *joints*, the stance that these joints would give."""
+        """Return the true stance; with *joints*, the stance that these joints would give."""
         return stance_of(
             self.plant.attitude().pose, self.plant.joints() if joints is None else joints
         )
 
     def _mobility(self) -> Array:
-        """The share of its speed that each leg retains, (6, 1)."""
+        """Return the share of its speed that each leg retains, (6, 1)."""
         shares = np.ones(len(LEGS))
         for leg in LEGS:
             if self.has("amplifier trip", leg) or self.has("stuck joint", leg):

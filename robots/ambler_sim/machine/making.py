@@ -41,12 +41,12 @@ def make_robot(
 
 
 def pybullet_is_installed() -> bool:
-    """Whether PyBullet is installed; it has wheels for few platforms only."""
+    """Return whether PyBullet is installed; it has wheels for few platforms only."""
     return importlib.util.find_spec("pybullet") is not None
 
 
 def why_no_window() -> str:
-    """Why no window can be opened here; empty if one can."""
+    """Return why no window can be opened here; empty if one can."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return "it needs a screen, and there is none here: $DISPLAY is not set"
     return ""

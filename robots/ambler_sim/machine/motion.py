@@ -56,19 +56,19 @@ class Segment:
     duration: float
 
     def at(self, share: float) -> Array:
-        """The joints when *share* (0 to 1) of the time has passed."""
+        """Return the joints when *share* (0 to 1) of the time has passed."""
         joints: Array = self.start + ease(share) * (self.end - self.start)
         return joints
 
 
 def ease(share: float) -> float:
-    """A cosine from 0 to 1 with speed 0 at both ends."""
+    """Return a cosine from 0 to 1 with speed 0 at both ends."""
     return (1 - math.cos(math.pi * min(share, 1.0))) / 2
 
 
 def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
-    """The segments of a leg move from the present *joints*: lift, retract, rotate, extend, and
-    lower to GUARD above the expected ground.
+    """Return the segments of a leg move from the present *joints*: lift, retract, rotate, extend,
+    and lower to GUARD above the expected ground.
     """
     angle, reach, drop = leg_joints(pose, move.foothold)
     first, _, standing = joints
@@ -86,7 +86,7 @@ def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
 
 
 def back_off(segment: Segment, share: float) -> Segment:
-    """The way back from *share* of a segment: BACK_OFF long, or to the segment's start."""
+    """Return the way back from *share* of a segment: BACK_OFF long, or to the segment's start."""
     here = segment.at(share)
     while share > 0 and _distance(segment.at(share), here) < BACK_OFF:
         share = max(share - 0.01, 0.0)
@@ -94,7 +94,7 @@ def back_off(segment: Segment, share: float) -> Segment:
 
 
 def _distance(first: Array, second: Array) -> float:
-    """The distance of a foot's places at two (angle, reach, drop) of one leg."""
+    """Return the distance of a foot's places at two (angle, reach, drop) of one leg."""
     (a, r, d), (b, s, e) = first, second
     return math.dist((r * math.cos(a), r * math.sin(a), d), (s * math.cos(b), s * math.sin(b), e))
 

@@ -74,21 +74,21 @@ class BulletPlant(BulletWorld, Plant):
         self._engine.stepSimulation()
 
     def joints(self) -> Array:
-        """The joint values that the encoders measure."""
+        """Return the joint values that the encoders measure."""
         states = self._engine.getJointStates(self._robot, self._motors)
         return np.array([state[0] for state in states]).reshape(len(LEGS), -1)
 
     def loads(self) -> Array:
-        """The loads, from the force sensors between vertical links and feet."""
+        """Return the loads, from the force sensors between vertical links and feet."""
         return -self._forces()[:, 2]
 
     def pushes(self) -> Array:
-        """The horizontal forces, from the same sensors."""
+        """Return the horizontal forces, from the same sensors."""
         pushes: Array = np.hypot(*self._forces()[:, :2].T)
         return pushes
 
     def bumps(self) -> Array:
-        """The forces on links and body, from their touch sensors. Feet are left out."""
+        """Return the forces on links and body, from their touch sensors. Feet are left out."""
         bumps = np.zeros(len(LEGS) + 1)
         for contact in self._engine.getContactPoints(bodyA=self._robot):
             if contact[3] not in self._feet:
@@ -96,7 +96,7 @@ class BulletPlant(BulletWorld, Plant):
         return bumps
 
     def attitude(self) -> Attitude:
-        """The true pose of the body, as from a perfect inertial sensor."""
+        """Return the true pose of the body, as from a perfect inertial sensor."""
         place, turn = self._engine.getBasePositionAndOrientation(self._robot)
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
         turned = rotation_matrix(Attitude(Pose(0.0, 0.0, heading, 0.0), roll, pitch))
@@ -149,7 +149,9 @@ class BulletPlant(BulletWorld, Plant):
         self._firmness = firmness
 
     def _forces(self) -> Array:
-        """The forces on the six-axis sensors above the feet, (6, 3). A hanging foot pulls."""
+        """Return the forces on the six-axis sensors above the feet, (6, 3). A hanging foot
+        pulls.
+        """
         states = self._engine.getJointStates(self._robot, self._feet)
         return np.array([state[2][:3] for state in states])
 

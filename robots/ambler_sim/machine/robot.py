@@ -117,11 +117,13 @@ class Robot:
             self._trail.extend(self.true_stance().feet)
 
     def stance(self) -> Stance:
-        """The body pose and the six feet as the robot believes them to be, by dead reckoning."""
+        """Return the body pose and the six feet as the robot believes them to be, by dead
+        reckoning.
+        """
         return self._stance_at(self._pose())
 
     def true_stance(self) -> Stance:
-        """The true stance, for pictures and for judging the walk."""
+        """Return the true stance, for pictures and for judging the walk."""
         return self._stance_at(self._plant.attitude().pose)
 
     def _pose(self) -> Pose:
@@ -131,7 +133,7 @@ class Robot:
         return stance_of(pose, self._machine.joints(), self._last_leg)
 
     def readings(self) -> Readings:
-        """The readings of inclinometers, force sensors, amplifiers and encoders."""
+        """Return the readings of inclinometers, force sensors, amplifiers and encoders."""
         attitude = self._plant.attitude()
         loads = tuple(float(load) for load in self._machine.loads())
         return Readings(
@@ -266,7 +268,7 @@ class Robot:
         return to_world(self._pose(), to_body(attitude.pose, points))
 
     def footstep(self) -> Footstep:
-        """The record of the last footstep, with the robot's belief and the truth."""
+        """Return the record of the last footstep, with the robot's belief and the truth."""
         believed, true = self.stance(), self.true_stance()
         leg, tilt = max(self._last_leg, 0), self.peak_tilt
         self.peak_tilt = 0.0
@@ -295,7 +297,7 @@ class Robot:
         return draw(self.true_stance(), self.terrain, self._trail)
 
     def state(self) -> Snapshot:
-        """The state from which another process can continue."""
+        """Return the state from which another process can continue."""
         return Snapshot(
             backend=self.backend,
             terrain=self.terrain.present,
@@ -398,7 +400,9 @@ class Robot:
         return Contact(leg, foot.x, foot.y, foot.z, force, *_direction(before[:2], after[:2]))
 
     def _bump(self, start: Pose, goal: Pose) -> Contact | None:
-        """The contact of the body or of a leg's beams on the way to *goal*; None without one."""
+        """Return the contact of the body or of a leg's beams on the way to *goal*; None without
+        one.
+        """
         bumps = self._plant.bumps()
         if bumps.max() <= motion.CONTACT_FORCE:
             return None
@@ -418,7 +422,7 @@ class Robot:
                 return
 
     def _hangs(self, leg: int) -> bool:
-        """Whether a foot bears no load; False if its sensor is broken."""
+        """Return whether a foot bears no load; False if its sensor is broken."""
         return bool(self._machine.loads()[leg] < motion.HANGING_LOAD)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
@@ -466,8 +470,8 @@ class Robot:
             self._drive(joints)
 
     def _corrections(self) -> Array:
-        """How much each standing leg should extend in this tick to even out the loads and to level
-        the body.
+        """Return how much each standing leg should extend in this tick to even out the loads and to
+        level the body.
 
         Six stiff legs on the ground wobble like a table. Without this correction the robot would
         stand on two or three.
@@ -505,7 +509,7 @@ def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
 
 
 def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
-    """The unit vector from one place to another; zero if they are the same."""
+    """Return the unit vector from one place to another; zero if they are the same."""
     way = math.dist(start, end)
     if way <= LEAST_WAY:
         return 0.0, 0.0

@@ -59,8 +59,8 @@ class Machine:
         return taken.get()
 
     def _stance_on_the_ground(self) -> Stance:
-        """The present stance, but with a lifted foot where it was lifted. Maps use the feet as
-        points of the ground.
+        """Return the present stance, but with a lifted foot where it was lifted. Maps use the feet
+        as points of the ground.
         """
         now = self.robot.stance()
         return now if self._lifted == NO_LEG else with_foot(now, self._before.feet[self._lifted])

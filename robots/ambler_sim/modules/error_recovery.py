@@ -127,7 +127,7 @@ def take_another_step(task: Task, stance: Stance, leg: int) -> None:
 
 
 def ground(task: Task, stance: Stance) -> ElevationMap:
-    """The map of all ground that legs can reach."""
+    """Return the map of all ground that legs can reach."""
     return task.query(ELEVATION_MAP, window_around(stance))
 
 
@@ -189,13 +189,13 @@ def abandon(trouble: Trouble, why: str) -> None:
 
 
 def attachment(trouble: Trouble) -> TaskRef:
-    """The task that this rung of the ladder is attached to."""
+    """Return the task that this rung of the ladder is attached to."""
     assert trouble.attached is not None
     return trouble.attached
 
 
 def _leg_of(failing: TaskRef) -> int:
-    """The leg that could not move; leg 0 if the body could not move."""
+    """Return the leg that could not move; leg 0 if the body could not move."""
     moves = [task for task in (failing, *failing.ancestors()) if task.message == MOVE_LEG.name]
     return moves[0].data(MOVE_LEG).leg if moves else LEGS[0]
 

@@ -44,7 +44,7 @@ def acquire_image(task: Task, number: int) -> None:
 
 @scanner.handles(IMAGES, resource="image queue")
 def images(_: Task, after: int) -> tuple[Image, ...]:
-    """The images after the one with this number."""
+    """Return the images after the one with this number."""
     return tuple(image for image in tuple(memory) if image.number > after)
 
 

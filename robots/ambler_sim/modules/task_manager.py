@@ -96,7 +96,7 @@ def wait_for_end(arc: SentTask[None]) -> bool:
 
 
 def course_of(path: Path) -> Iterator[Arc]:
-    """The path's pieces, each from the planned end of the one before."""
+    """Yield the path's pieces, each from the planned end of the one before."""
     start = ORIGIN
     for bend in path.bends:
         arc = Arc(start, bend.curvature, bend.length)

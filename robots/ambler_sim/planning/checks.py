@@ -55,7 +55,7 @@ class Margins:
 
 
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
-    """The least margins while the leg is in the air.
+    """Return the least margins while the leg is in the air.
 
     They occur at an end of the leg's way, because a leg weighs only a tenth of the robot. The
     conservative margin is taken after the move, when the leg stands on its foothold.
@@ -70,7 +70,7 @@ def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
 
 
 def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
-    """The least margins at either end of the move.
+    """Return the least margins at the two ends of the move.
 
     Between the ends they are no smaller, because support polygons are convex. If the move leads to
     a better stance, only the margins at its end count. The robot already stands at its start.
@@ -85,7 +85,7 @@ def _margins(stance: Stance) -> Margins:
 
 
 def is_stable(margins: Margins) -> bool:
-    """Whether a move with these margins may be made."""
+    """Return whether a move with these margins may be made."""
     return (
         margins.support >= LEAST_SUPPORT
         and margins.conservative >= LEAST_CONSERVATIVE

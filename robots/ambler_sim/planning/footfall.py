@@ -49,7 +49,7 @@ UNKNOWN_COST = 0.2
 
 
 def window_of(step: Step) -> Window:
-    """The ground needed to choose a step's foothold."""
+    """Return the ground needed to choose a step's foothold."""
     return Window(step.ideal.x, step.ideal.y, SEARCH_RADIUS + PATCH * 0.1)
 
 
@@ -83,7 +83,7 @@ def choose_foothold(ground: ElevationMap, step: Step, radius: float = SEARCH_RAD
 
 
 def costs(cells: Candidates, ideal: Foot) -> Array:
-    """The cost of each cell. A metre from the ideal costs as much as 30 % slope."""
+    """Return the cost of each cell. A metre from the ideal costs as much as 30 % slope."""
     distance = np.hypot(cells.places[:, 0] - ideal.x, cells.places[:, 1] - ideal.y)
     ground: Array = (
         SLOPE_COST * cells.slope

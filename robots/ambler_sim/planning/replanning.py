@@ -78,12 +78,12 @@ ADVANCES = (0.5, 0.25, 0.12)
 
 
 def window_around(stance: Stance) -> Window:
-    """The ground needed to move any leg."""
+    """Return the ground needed to move any leg."""
     return Window(*offset(stance.pose, AHEAD, 0.0), SIZE / 2)
 
 
 def obstacle_at(contact: Contact) -> Obstacle:
-    """The obstacle at *contact*: beyond the foot, or under it."""
+    """Return the obstacle at *contact*: beyond the foot, or under it."""
     if not (contact.dx or contact.dy):
         return Obstacle(contact.x, contact.y, contact.z, FOOT_ROOM, is_wall=False)
     reach = OBSTACLE_RADIUS + CLEAR_OF_FOOT
@@ -92,7 +92,9 @@ def obstacle_at(contact: Contact) -> Obstacle:
 
 
 def raised_move(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
-    """The move, RAISE above the obstacle. Raises PathBlocked if the leg is too short for that."""
+    """Return the move, RAISE above the obstacle. Raises PathBlocked if the leg is too short for
+    that.
+    """
     lift = max(move.lift, contact.z) + RAISE
     require_lift(stance.pose, move.leg, lift)
     return replace(move, lift=lift)
@@ -125,7 +127,7 @@ class Alternative:
 def another_step(
     ground: ElevationMap, stance: Stance, arc: Arc, preferred: int = NO_LEG
 ) -> Alternative:
-    """The first footstep that is possible from *stance*.
+    """Return the first footstep that is possible from *stance*.
 
     The first try is with the leg whose turn it is, or *preferred*. Then come the other legs from
     the rear. Then all legs are tried again with shorter moves of the body. Raises NoStep with the
@@ -159,7 +161,7 @@ def _alternative(ground: ElevationMap, step: Step) -> Alternative:
 
 
 def centring_move(stance: Stance) -> BodyMove | None:
-    """A move of the body to where any leg can be lifted, as far as the feet allow.
+    """Return a move of the body to where any leg can be lifted, as far as the feet allow.
 
     None if the body stands well, or if no better place nearby can be reached safely.
     """
@@ -208,7 +210,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 
 
 def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) -> Iterator[LegMove]:
-    """The possible moves to these places, for feet that are not yet there."""
+    """Yield the possible moves to these places, for feet that are not yet there."""
     for place in places:
         if distance(stance.feet[place.leg], place) > IN_PLACE:
             with contextlib.suppress(OutOfReach, PathBlocked):

@@ -66,12 +66,12 @@ class ProgramKiller:
 
 
 def is_at_rest(task: Task) -> bool:
-    """Whether only the modules that cause the loss have work."""
+    """Return whether only the modules that cause the loss have work."""
     return not busy(task) - {"task manager", "fault injector"}
 
 
 def busy(sender: Task | Client) -> set[str]:
-    """The modules with a delivery from central that they have not finished."""
+    """Return the modules with a delivery from central that they have not finished."""
     return {
         module.name
         for module in sender.modules()
@@ -80,7 +80,7 @@ def busy(sender: Task | Client) -> set[str]:
 
 
 def is_connected(sender: Task | Client, process: int) -> bool:
-    """Whether a module of this process is connected to central."""
+    """Return whether a module of this process is connected to central."""
     return any(module.process.endswith(f":{process}") for module in sender.modules())
 
 

@@ -76,7 +76,9 @@ class Walk:
         return [name for name in LAYERS if name not in self.options.without]
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
-        """All programs but central, controller and task manager: name, module and arguments."""
+        """Yield all programs but central, controller and task manager: name, module and
+        arguments.
+        """
         for name in ("scanner", "mapper", *([] if self.options.bare else ["error recovery"])):
             yield name, f"modules.{name}", []
         yield "gait planner", "modules.gait planner", self.arguments

@@ -75,7 +75,9 @@ class StatusLink:
             self._send_due()
 
     def status(self, partner: str) -> int | None:
-        """The newest known status of a partner; None before the first one. Raises NoSuchPartner."""
+        """Return the newest known status of a partner; None before the first one. Raises
+        NoSuchPartner.
+        """
         with self._lock:
             return self._statuses.status(partner)
 

@@ -62,7 +62,9 @@ class Statuses:
         self.known[self.name] = VersionedStatus(self.known[self.name].version + 1, status)
 
     def status(self, partner: str) -> int | None:
-        """The newest known status of a partner; None before the first one. Raises NoSuchPartner."""
+        """Return the newest known status of a partner; None before the first one. Raises
+        NoSuchPartner.
+        """
         if partner not in self._acknowledged:
             known = ", ".join(self.partners) or "none"
             raise NoSuchPartner(
@@ -80,7 +82,7 @@ class Statuses:
         return f"'{partner}' has sent nothing: does it run, and is its address right?"
 
     def waiting_for(self) -> list[str]:
-        """The partners that have not acknowledged all that is known here."""
+        """Return the partners that have not acknowledged all that is known here."""
         return [
             partner
             for partner, theirs in self._acknowledged.items()
@@ -90,7 +92,7 @@ class Statuses:
     # --- for the link -----------------------------------------------------------------------------
 
     def due(self) -> list[tuple[str, bytes]]:
-        """The datagrams to send now, first or again, each with its partner."""
+        """Return the datagrams to send now, first or again, each with its partner."""
         return [(partner, self._datagram(partner)) for partner in self.waiting_for()]
 
     def receive(self, partner: str, raw: bytes) -> bytes | None:
@@ -121,7 +123,7 @@ class Statuses:
 
 
 def _covers(theirs: dict[str, VersionedStatus], mine: dict[str, VersionedStatus]) -> bool:
-    """Whether *theirs* has each status of *mine*, or a newer one."""
+    """Return whether *theirs* has each status of *mine*, or a newer one."""
     return all(robot in theirs and theirs[robot] >= entry for robot, entry in mine.items())
 
 

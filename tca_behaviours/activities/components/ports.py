@@ -65,7 +65,7 @@ class InputPort(_Port[T]):
         self.lost = 0
 
     def fits(self, output: "_Port[T]") -> bool:
-        """Whether all values of an output port fit here."""
+        """Return whether all values of an output port fit here."""
         return issubclass(output.type, self._classes)
 
 

@@ -66,7 +66,7 @@ class Region:
         return tuple(state.label for state in reversed(self.active))
 
     def is_in(self, name: str) -> bool:
-        """Whether the state of that name is active."""
+        """Return whether the state of that name is active."""
         return self.states[name].is_active
 
     def on_transition(self, function: Callable[[RegionChange], object]) -> None:

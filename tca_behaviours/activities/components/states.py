@@ -10,7 +10,7 @@ from tca_wire.text.measures import duration
 
 
 def tick_text(period: float, estimate: float | None) -> str:
-    """The period and the execution time of ticks, in words."""
+    """Return the period and the execution time of ticks, in words."""
     return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
 
 
@@ -32,7 +32,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         return f"'{self.region}.{self.label}'"
 
     def lines(self) -> Iterator[str]:
-        """A line for each function that the state calls."""
+        """Yield a line for each function that the state calls."""
         if self.activity is not None:
             yield f"{name_of(self.activity)} {tick_text(self.period, self.estimate)}"
         if self.entry is not None:
@@ -151,5 +151,5 @@ class RegionTransition(Arrow[RegionState]):
         return self.when, self.needs
 
     def holds(self, _situation: Any = None) -> bool:
-        """Whether the guard and the states of other regions allow the transition now."""
+        """Return whether the guard and the states of other regions allow the transition now."""
         return all(state.is_active for state in self.needed) and (self.when is None or self.when())

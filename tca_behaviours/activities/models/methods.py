@@ -33,7 +33,7 @@ PORT_METHOD, STEP, GUARD = "the method of a port", "a step", "a guard"
 
 
 def methods(component: ComponentModel) -> Iterator[Method]:
-    """The methods of a component, one for each place that names it."""
+    """Yield the methods of a component, one for each place that names it."""
     for port, input_ in component.inputs.items():
         about = f"A value has arrived at port '{port}'."
         yield Method(f"take_{port}", PORT_METHOD, f"inputs.{port}", about, input_.type)

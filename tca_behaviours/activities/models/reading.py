@@ -27,7 +27,7 @@ from tca_tools.user_toml import check_known, check_table, read_table, read_toml,
 
 
 def read_model(path: Path) -> ApplicationModel:
-    """The model of a file. Raises BadUserFile."""
+    """Return the model of a file. Raises BadUserFile."""
     tables = read_toml(path)
     if not re.fullmatch(r"[\w.-]+", path.stem):
         raise BadUserFile(
@@ -40,7 +40,7 @@ def read_model(path: Path) -> ApplicationModel:
 
 
 def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
-    """The model in the tables of a file. Raises BadUserFile."""
+    """Return the model in the tables of a file. Raises BadUserFile."""
     _check_tables(tables)
     types: dict[str, TypeModel] = {}
     for kind, fields in tables.get("types", {}).items():

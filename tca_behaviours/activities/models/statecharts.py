@@ -76,7 +76,7 @@ def in_tree_order(states: list[StateModel], inside: str = "") -> Iterator[StateM
 
 
 def region_of(name: str, model: RegionModel) -> Region:
-    """The region, with methods that do nothing. Raises MisuseError."""
+    """Return the region, with methods that do nothing. Raises MisuseError."""
     region = Region("", name, model.period, model.estimate)
     for state in in_tree_order(model.states):
         container = region.states[state.inside] if state.inside else region

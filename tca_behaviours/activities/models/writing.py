@@ -42,7 +42,7 @@ def write_code(model: ApplicationModel, folder: Path) -> list[str]:
 
 
 def _package(folder: Path) -> str:
-    """The package that a folder is, with a dot at the end; "" if it is not a package."""
+    """Return the package that a folder is, with a dot at the end; "" if it is not a package."""
     folder = folder.resolve()
     parts: list[str] = []
     while (folder / "__init__.py").exists():
@@ -69,7 +69,7 @@ def _write(file: Path, lines: Iterable[str]) -> str:
 
 
 def _names_in(file: Path) -> set[str]:
-    """All names that a module of the user defines or imports."""
+    """Return all names that a module of the user defines or imports."""
     try:
         tree = ast.parse(file.read_bytes())
     except (SyntaxError, ValueError) as error:

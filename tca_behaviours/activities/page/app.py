@@ -24,7 +24,7 @@ _PATIENCE = 10.0
 def page_app(
     live: LiveApplication, hosts: list[str], key: PageKey | None = None, token: str = ""
 ) -> Starlette:
-    """The web application that serves one page.
+    """Return the web application that serves one page.
 
     Args:
         live: The application that the page shows.

@@ -48,7 +48,7 @@ class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def applications(client: Client) -> list[str]:
-    """The names of the applications that central knows."""
+    """Return the names of the applications that central knows."""
     names = [each.name for each in client.messages() if each.message_class == "variable"]
     return sorted(name.removeprefix(APPLICATION) for name in names if name.startswith(APPLICATION))
 
@@ -93,8 +93,8 @@ class LiveApplication:
             self._changed.notify_all()
 
     def changes_since(self, since: int, patience: float) -> dict[str, Any]:
-        """The values that have changed since change number *since*. Waits up to *patience* for a
-        change.
+        """Return the values that have changed since change number *since*. Waits up to *patience*
+        for a change.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._serial > since or self._stopped.is_set(), patience)
@@ -149,7 +149,7 @@ class LiveApplication:
                 self._stopped.wait(CHECK_PERIOD)
 
     def _problem(self, client: Client) -> str:
-        """Why the application sends no reports; "" if it does."""
+        """Return why the application sends no reports; "" if it does."""
         _, entry = self._parts.get("application", (0, None))
         if entry is None:
             return ""

@@ -44,7 +44,7 @@ class Baton:
         self._holder: ProcessorThread | None = None
 
     def clock(self) -> float:
-        """The time by which activities are due."""
+        """Return the time by which activities are due."""
         return time.monotonic()
 
     @contextlib.contextmanager

@@ -37,7 +37,7 @@ class TickTimes:
         self._shortest_delay = min(self._shortest_delay, began - due)
 
     def last_above(self, limit: float) -> Late | None:
-        """The last tick whose response time exceeds a limit, if any."""
+        """Return the last tick whose response time exceeds a limit, if any."""
         return next((one for one in reversed(self._peaks) if one[1] > limit), None)
 
 
@@ -88,7 +88,7 @@ class Load:
         self._roll(now)
 
     def share(self, now: float) -> float:
-        """The share, between 0 and 1."""
+        """Return the share, between 0 and 1."""
         self._roll(now)
         if self._share is None:
             return self._used / (now - self._since) if now > self._since else 0.0

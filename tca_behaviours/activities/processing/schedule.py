@@ -123,7 +123,9 @@ class Schedule:
         self.update_order()
 
     def next_turn(self, now: float) -> ProcessorTurn | None:
-        """The processor that goes next, between two ticks; None if there is nothing to tick."""
+        """Return the processor that goes next, between two ticks; None if there is nothing to
+        tick.
+        """
         for processor in self.processors:
             if processor.round or processor.due <= now + _ROUNDING:
                 return ProcessorTurn(processor, now)
@@ -161,7 +163,7 @@ class Schedule:
             activity.processor.invalidate_due()
 
     def last_late(self, processor: Processor, limit: float, now: float) -> Late | None:
-        """The last tick of a processor whose response time exceeds a limit, if any.
+        """Return the last tick of a processor whose response time exceeds a limit, if any.
 
         While a tick is running, a tick that is due and has not ended counts, too.
         """
@@ -172,7 +174,7 @@ class Schedule:
         return processor.times.last_above(limit + _ROUNDING)
 
     def held_by(self, now: float) -> str:
-        """The activity whose tick takes suspiciously long, if any."""
+        """Return the activity whose tick takes suspiciously long, if any."""
         return self.ticked.name if self.ticked is not None and now - self._began > _LONG else ""
 
     # --- changes, also while it runs --------------------------------------------------------------
@@ -193,7 +195,7 @@ class Schedule:
         self.activities[activity.name] = ScheduledActivity(activity)
 
     def processor(self, name: str) -> Processor | None:
-        """The processor of that name, if any."""
+        """Return the processor of that name, if any."""
         return next((each for each in self.processors if each.name == name), None)
 
     def new_processor(self, name: str, now: float) -> Processor:

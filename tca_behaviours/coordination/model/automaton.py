@@ -30,13 +30,15 @@ class Automaton(Protocol):
     """The part of a machine that a preview reads. A state is a leaf's number, as in the chart."""
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
+        """Return the transitions of a leaf, in their order. The sum of their likelihoods is at most
+        1.
+        """
 
     def activity(self, state: int) -> Activity | None:
-        """The activity of a leaf, if it has one."""
+        """Return the activity of a leaf, if it has one."""
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf.
+        """Return whether the machine waits for an event in a leaf.
 
         The machine leaves any other leaf without an activity at once.
         """
@@ -74,7 +76,9 @@ class FlatAutomaton:
         return self._states[0].leaf.number
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
+        """Return the transitions of a leaf, in their order. The sum of their likelihoods is at most
+        1.
+        """
         if state not in self._evaluated:
             leaf = self._states[state]
             arrows = arrows_of(leaf)
@@ -85,18 +89,18 @@ class FlatAutomaton:
         return self._evaluated[state]
 
     def activity(self, state: int) -> Activity | None:
-        """The activity of a leaf, if it has one."""
+        """Return the activity of a leaf, if it has one."""
         return self._states[state].activity
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf.
+        """Return whether the machine waits for an event in a leaf.
 
         The machine leaves any other leaf without an activity at once.
         """
         return self._states[state].kind is StateKind.WAIT
 
     def _likelihoods(self, leaf: AuthoredState, arrows: list[AuthoredArrow]) -> list[float]:
-        """The likelihoods of all arrows of a leaf. All are 0 if any of them is unknown."""
+        """Return the likelihoods of all arrows of a leaf. All are 0 if any of them is unknown."""
         found = []
         consequence = f"nothing is foreseen beyond '{leaf.label}'"
         for arrow in arrows:

@@ -128,13 +128,13 @@ class Coordination(BlockMachine[AuthoredState]):
         return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
-        """The machine with its likelihoods in a situation. *mistakes* receives the errors of
+        """Return the machine with its likelihoods in a situation. *mistakes* receives the errors of
         functions.
         """
         return FlatAutomaton(self.states, situation, mistakes or Mistakes())
 
     def interpreter(self) -> Interpreter:
-        """A new interpreter of the machine, in its first state."""
+        """Return a new interpreter of the machine, in its first state."""
         return Interpreter(self.states)
 
     def draw(self, path: str | Path, report: CoordinationReport | None = None) -> None:

@@ -148,7 +148,7 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
 
 
 def _cycle(successors: Mapping[AuthoredState, AuthoredState]) -> list[AuthoredState]:
-    """A cycle of states that follow each other. Its first state is also the last."""
+    """Return a cycle of states that follow each other. Its first state is also the last."""
     path = [next(iter(successors))]
     while path.count(path[-1]) == 1:
         path.append(successors[path[-1]])

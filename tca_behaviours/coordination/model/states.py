@@ -112,7 +112,7 @@ class AuthoredArrow(Arrow[AuthoredState]):
         return [*of_guard, *of_model]
 
     def holds(self, situation: Any = None) -> bool:
-        """Whether the guard allows the arrow in the present situation."""
+        """Return whether the guard allows the arrow in the present situation."""
         if self.guard is None:
             return True
         if isinstance(self.guard, Variable):

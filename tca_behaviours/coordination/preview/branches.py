@@ -89,5 +89,5 @@ def _live_before(
 
 
 def first_harmed_fact(activity: Activity, needed: Mapping[str, int]) -> str | None:
-    """The first fact that an activity changes and a branch needs unchanged, if any."""
+    """Return the first fact that an activity changes and a branch needs unchanged, if any."""
     return next((fact for fact in activity.makes if fact in needed), None)

@@ -200,7 +200,7 @@ class _DecisionMaker:
     def _candidate(
         self, index: int, foreseen: Foreseen, activity: Activity, before: int, progress: float
     ) -> Candidate:
-        """The candidate that the policy sees. *progress* is that of the state *before*."""
+        """Return the candidate that the policy sees. *progress* is that of the state *before*."""
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
         cost = self._evaluate(activity, lambda: activity.cost(self.present.situation))
@@ -282,14 +282,16 @@ class _DecisionMaker:
         return share
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
-        """The share of full speed by the policy; NaN if the policy or the cost raises an error."""
+        """Return the share of full speed by the policy; NaN if the policy or the cost raises an
+        error.
+        """
         if isnan(candidate.cost):
             return nan
         share = self._evaluate(activity, lambda: checked_share(self.policy.share(candidate)))
         return share if activity.adapt is not None or share == 1 or isnan(share) else 0.0
 
     def _evaluate(self, activity: Activity, function: Callable[[], float]) -> float:
-        """The result of a function; NaN if it raises an error."""
+        """Return the result of a function; NaN if it raises an error."""
         return self.mistakes.value_or(nan, f"{activity!r} does not run early", function)
 
     # --- objections -------------------------------------------------------------------------------
@@ -297,7 +299,7 @@ class _DecisionMaker:
     def _objection_to_run(
         self, state: int, activity: Activity, *, is_running: bool
     ) -> Objection | None:
-        """The reason why an activity must not run now, if any.
+        """Return the reason why an activity must not run now, if any.
 
         Running work may itself have changed the facts that it needed at its start.
         """
@@ -308,7 +310,7 @@ class _DecisionMaker:
         return self.reserved_earlier.objection_to(state, activity.needs, activity.makes)
 
     def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
-        """The reason why an activity must not start now, if any."""
+        """Return the reason why an activity must not start now, if any."""
         if objection := self.reserved_by_running.objection_to(
             state, activity.needs, activity.makes
         ):

@@ -47,7 +47,8 @@ Utility = Callable[[Candidate], float]
 
 
 def expected_gain(candidate: Candidate) -> float:
-    """The expected gain of an activity that runs early: ``p * b - (1 - p) * (1 - x) * (C + D)``.
+    """Return the expected gain of an activity that runs early: ``p * b - (1 - p) * (1 - x) * (C +
+    D)``.
 
     p is the probability of the activity's path, x its progress, and C its cost. b is the progress
     of the activity before. D is the cost of undoing the activity.
@@ -62,7 +63,7 @@ def expected_gain(candidate: Candidate) -> float:
 
 
 def progress_only(candidate: Candidate) -> float:
-    """The progress of the activity before, and nothing else."""
+    """Return the progress of the activity before, and nothing else."""
     return candidate.progress_before
 
 
@@ -88,7 +89,7 @@ class Policy:
         raise NotImplementedError
 
     def share(self, candidate: Candidate) -> float:
-        """The share of full speed for an activity.
+        """Return the share of full speed for an activity.
 
         The progress of the activity before decides only when this one starts. A running activity
         keeps its speed until its path has become too unlikely.
@@ -140,13 +141,15 @@ class Continuous(Policy):
             raise MisuseError(f"from_ must be less than to, not {from_!r} with to={to!r}")
 
     def wanted(self, utility: float) -> float:
-        """The share, in tenths."""
+        """Return the share, in tenths."""
         if utility >= self.to:
             return 1.0
         return floor(10 * max(utility - self.from_, 0.0) / (self.to - self.from_)) / 10
 
 
 def checked_share(share: float) -> float:
-    """The share that a policy returned. Raises MisuseError unless it is a number in [0, 1]."""
+    """Return the share that a policy returned. Raises MisuseError unless it is a number in [0,
+    1].
+    """
     check("a policy", _SHARE, share=share)
     return share

@@ -43,7 +43,7 @@ class PreviewLimits:
         check("PreviewLimits", checks.MAXIMUM, horizon=self.horizon)
 
     def is_steady(self, automaton: Automaton, state: int) -> bool:
-        """Whether a preview ends in this state."""
+        """Return whether a preview ends in this state."""
         likelihoods = [arrow.likelihood for arrow in automaton.arcs(state)]
         return 1 - fsum(likelihoods) >= self.final or max(likelihoods) <= self.transition
 
@@ -93,7 +93,7 @@ class _Path:
         return mine.place < others.place
 
     def foreseen(self) -> list[Foreseen]:
-        """The states after the first one."""
+        """Return the states after the first one."""
         found = []
         path = self
         while path.before is not None:

@@ -83,8 +83,8 @@ class ActivitiesAtWork:
         return [task.sent for work in self._all() for task in work.tasks if not task.is_over]
 
     def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
-        """The state of the run in a machine state. *is_new*: no decision was made in that machine
-        state yet.
+        """Return the state of the run in a machine state. *is_new*: no decision was made in that
+        machine state yet.
         """
         phases = [(each, _phase(each)) for each in self._early.values()]
         phases += [(each, WorkPhase.STOPPING) for each in self._stopping]
@@ -191,7 +191,7 @@ class ActivitiesAtWork:
         self._start(work)
 
     def early_work(self, state: int) -> StartedActivity | None:
-        """The early work of a state, if any."""
+        """Return the early work of a state, if any."""
         return self._early.get(state)
 
     def update_tasks(self) -> None:
@@ -216,7 +216,7 @@ class ActivitiesAtWork:
         self._spoilers = [*(each for each in self._spoilers if each.spoilt), work]
 
     def _first_to_undo(self, activity: Activity) -> StartedActivity | None:
-        """The newest wasted work that must be undone before an activity, if any.
+        """Return the newest wasted work that must be undone before an activity, if any.
 
         Such work has spoilt a fact that the activity needs. Or it has spoilt several facts, and the
         activity makes only some of them. To undo the other facts later would undo the activity's

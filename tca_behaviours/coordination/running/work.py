@@ -186,7 +186,7 @@ class StartedActivity:
                 task.sent.kill(why)
 
     def roles(self) -> list[RoleChange]:
-        """The present roles of its tasks in the machine."""
+        """Return the present roles of the activity's tasks in the machine."""
         return [
             RoleChange(
                 task.sent.id, self.state, "+".join(each.name for each in task.do.agents), self.role

@@ -108,7 +108,7 @@ class Statechart(LibraryChart[MachineState]):
 
 
 def _event(name: str, ending: Ending) -> str:
-    """The event for the end of a state's task."""
+    """Return the event for the end of a state's task."""
     return f"ended.{name}.{ending}"
 
 

@@ -68,7 +68,9 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return self
 
     def target(self, ending: Ending) -> "MachineState | None":
-        """The state that follows an ending; None if the ending is passed on to the container."""
+        """Return the state that follows an ending; None if the ending is passed on to the
+        container.
+        """
         if ending in self.by_event:
             return self.by_event[ending][0].target
         parent = self.parent
@@ -77,7 +79,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return None
 
     def lines(self) -> Iterator[str]:
-        """The parameters of its task."""
+        """Yield a line for each parameter of the state's task."""
         shown = list(self.parameters.items())
         for name, value in shown[:_MOST_PARAMETERS]:
             yield short_line(f"{name} = {value}")
@@ -85,7 +87,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
             yield f"and {len(shown) - _MOST_PARAMETERS} more"
 
     def chart_state(self) -> ChartState:
-        """The state as data, once the states are numbered."""
+        """Return the state as data, once the states are numbered."""
         kind = self.task or self.kind
         # A default label, such as "GoTo 2", names the kind already.
         is_obvious = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON

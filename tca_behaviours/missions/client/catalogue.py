@@ -54,7 +54,7 @@ class Catalogue:
         raise UnknownTask(f"server '{self.server}' offers no task '{name}': {known}")
 
     def message(self, task: OfferedTask) -> Command[Any, Any]:
-        """The command of a task, as its server has declared it."""
+        """Return the command of a task, as its server has declared it."""
         if task.message not in self._messages:
             self._messages[task.message] = self._goal.sender.declared(task.message)
         return self._messages[task.message]

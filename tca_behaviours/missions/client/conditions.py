@@ -17,7 +17,7 @@ class MissionCondition(Protocol):
     """
 
     def is_verified(self) -> bool:
-        """Whether the mission must be interrupted."""
+        """Return whether the mission must be interrupted."""
         ...
 
 

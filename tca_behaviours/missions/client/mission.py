@@ -594,5 +594,5 @@ class Mission(BaseMission):
 
 
 def _name_of_program() -> str:
-    """The name of the running script."""
+    """Return the name of the running script."""
     return Path(sys.argv[0]).stem.strip("-") or "script"

@@ -165,7 +165,7 @@ class MissionGoal:
         return self._under or self._module
 
     def below(self) -> Sender:
-        """A sender whose tasks hang below the mission's goal."""
+        """Return a sender whose tasks hang below the mission's goal."""
         return self.sender.under(self._top) if self._top is not None else self.sender
 
     def raise_if_killed(self, *, ask: bool = False) -> None:

@@ -146,7 +146,7 @@ def _state_in_words(task: TaskHandle | None) -> str:
 
 
 def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
-    """The line of a step that is done.
+    """Return the line of a step that is done.
 
     Raises MisuseError if the file can't return the same value.
     """
@@ -169,7 +169,7 @@ def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLi
 
 
 def _value(line: StepLine, function: Callable[..., T]) -> T:
-    """The value of a step that is done, with the type that its function declares.
+    """Return the value of a step that is done, with the type that its function declares.
 
     The value is decoded from the line even if the step was done just now, so that a resumed mission
     gets the same value.

@@ -155,7 +155,7 @@ class Definition:
         )
 
     def parameters(self, **given: Any) -> Any:
-        """The data of the command. A parameter that is not given gets its default."""
+        """Return the data of the command. A parameter that is not given gets its default."""
         return self.format.kind(**given)
 
     def create(
@@ -169,7 +169,7 @@ class Definition:
         return served
 
     def reason_to_reject(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
-        """Why a running task can't be given these parameters; "" if it can."""
+        """Return why a running task can't be given these parameters; "" if it can."""
         for name, value in self.format.given_in(parameters).items():
             if self.format.fields[name].is_fixed and value != getattr(served, name):
                 return f"parameter '{name}' can't be changed while the task runs"
@@ -206,7 +206,7 @@ def check_task(task: object) -> type[ServedTask[Any]]:
 
 
 def environment_of(task: type) -> type:
-    """The class of the environment that a task needs: *E* of its ``PeriodicTask[E]``."""
+    """Return the class of the environment that a task needs: *E* of its ``PeriodicTask[E]``."""
     for cls in task.__mro__:
         for base in vars(cls).get("__orig_bases__", ()):
             origin, arguments = get_origin(base), get_args(base)

@@ -165,8 +165,8 @@ class TaskRun:
         )
 
     def _is_completed(self, returned: object) -> bool:
-        """Whether ``iterate`` returned COMPLETED. Raises a failure if it returned neither COMPLETED
-        nor RUNNING.
+        """Return whether ``iterate`` returned COMPLETED. Raises a failure if it returned neither
+        COMPLETED nor RUNNING.
         """
         if returned in (Status.RUNNING, Status.COMPLETED):
             return returned == Status.COMPLETED
@@ -263,5 +263,5 @@ class TaskRun:
     # --- texts ------------------------------------------------------------------------------------
 
     def _with_status(self, text: str) -> str:
-        """The text, followed by the task's status text."""
+        """Return the text, followed by the task's status text."""
         return f"{text}: {self.served.status_text}" if self.served.status_text else text
