@@ -64,7 +64,9 @@ def _is_alive(central: State, task: Task | Delivery) -> bool:
 
 
 def _check_waits(central: State) -> None:
-    """Check that blocked connections wait for open requests, a coroutine for all of its own."""
+    """Check that blocked connections wait for open requests. Requests awaited together are all
+    open.
+    """
     connections = central.registry.connections.values()
     assert {one for one in connections if one.waits} == set(central.blocked), (
         "blocked connections differ from waiting ones"
@@ -91,7 +93,8 @@ def _check_watches(central: State) -> None:
 def _check_state(task: Task) -> None:
     """Check the state of a living task.
 
-    It is in the life cycle and not final. It is accepted only if a handler has had the task.
+    The state is in the life cycle and not final. The state is the initial state until a handler
+    gets the task, or the task is killed.
     """
     cycle = task.message.life_cycle
     clients = task.clients
@@ -116,7 +119,9 @@ def _check_state(task: Task) -> None:
 
 
 def _check_observers(central: State) -> None:
-    """Check that observers wait for answers, and those of one task are of a living task."""
+    """Check that each observer has an open request. An observer of one task observes a living
+    task.
+    """
     observers, connections = central.observers, central.registry.connections.values()
     found = [one for group in observers.groups.values() for one in group]
     due = [one for connection in connections for one in connection.outstanding.values()]
@@ -182,7 +187,9 @@ def _check_place(central: State, task: Task) -> None:
 
 
 def _check_family(task: Task) -> None:
-    """Check that a child starts after its parent and ends before it. Killed tasks just end."""
+    """Check that a child starts after its parent and ends before its parent. A killed child may
+    start at any time.
+    """
     parent = task.parent
     assert parent is not None
     assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"
@@ -334,7 +341,8 @@ def _check_prefetched(resource: ModuleResource, name: str) -> None:
     """Check prefetched messages: they are in order, wait for nothing else, and their slot is busy.
 
     A recalled slot need not be busy, and its messages need no order. Messages that have left their
-    queue are not compared: a slot may return one, and keep later ones that it has started.
+    queue are not compared. A slot may return a message, and keep later messages that it has
+    started.
     """
     line = [one for one in resource.in_line() if one in resource.prefetched or not one.ticket]
     assert (
@@ -350,8 +358,8 @@ def _check_prefetched(resource: ModuleResource, name: str) -> None:
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
-    """Check that a locked resource admits only the holder, a reserved one only its owner's
-    messages.
+    """Check that a locked resource admits only the holder, and that a reserved resource admits only
+    its owner's messages.
     """
     assert resource.is_locked or not resource.locked_out_queries, (
         f"{name}: is not locked, but slots of it wait for themselves"
@@ -485,7 +493,7 @@ def _check_variables(central: State) -> None:
 
 
 def _check_routes(central: State) -> None:
-    """Check that connections know the routes and slots whose lists they are in, and vice versa."""
+    """Check that a route or slot lists exactly the connections that list the route or slot."""
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"

@@ -22,5 +22,5 @@ if __name__ == "__main__":
     with connect("user") as user:
         print(user.execute_if_handled(BLINK, "red"), user.execute_if_handled(FORECAST))
         with lights.running(), weather.running():
-            blinking = user.execute_if_handled(BLINK, "green")  # as command() returns
+            blinking = user.execute_if_handled(BLINK, "green")  # the result of command()
             print(blinking and blinking.wait(timeout=10), user.execute_if_handled(FORECAST))

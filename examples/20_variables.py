@@ -29,7 +29,7 @@ def show(_: Task, position: Position) -> None:
 if __name__ == "__main__":
     with sensor.running(), operator.running():
         sensor.set_variable(POSITION, Position(0.0, 0.0))
-        with display.running():  # it gets the present position at once
+        with display.running():  # the display gets the present position
             for step in range(1, 101):
                 sensor.set_variable(POSITION, Position(float(step), 0.0), wait=False)
             while not shown or shown[-1] != 100.0:

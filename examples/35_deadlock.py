@@ -25,7 +25,7 @@ def where(task: Task) -> str:
 def look(task: Task) -> str:
     try:
         return "seen with a map: " + task.query(WHERE)
-    except Deadlock as deadlock:  # if not caught, the failure "deadlock" of this query
+    except Deadlock as deadlock:  # uncaught, it fails this query with "deadlock"
         cycle = deadlock.text.partition(": ")[2]
         print("eyes:", cycle.replace("; ", ";\n      "))
         return "seen without a map"

@@ -12,7 +12,7 @@ Output::
 from tca_module import Command, Module, Rejected, Task, connect
 from tca_module.testing import LocalCentral
 
-WATCH = Command("watch", float, progress=float)  # the angle wanted; the angle reached
+WATCH = Command("watch", float, progress=float)  # the wanted and the reached angle
 
 camera = Module("camera")
 

@@ -40,7 +40,7 @@ def ask(task: Task, face: Region) -> str:
 def grasp(task: Task, thing: Region) -> None: ...
 
 
-@gaze.observes(LABEL_QUERY, states=["running"])  # only once it is accepted
+@gaze.observes(LABEL_QUERY, states=["running"])  # after the task is accepted
 @gaze.observes(GRASP, states=["running"])
 def look(change: Change) -> None:
     looked.put(f"looks at {change.goal.what} at {change.goal.x:g}, {change.goal.y:g}")

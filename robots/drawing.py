@@ -27,21 +27,21 @@ class View:
         return self.left + x * self.scale, self.zero - y * self.scale
 
     def line(self, look: str, places: Iterable[Place], **more: object) -> str:
-        """A line through the places."""
+        """Return a line through the places."""
         return f'<polyline class="{look}" points="{self._points(places)}"{attributes(more)}/>'
 
     def shape(self, look: str, places: Iterable[Place], **more: object) -> str:
-        """A polygon with these corners."""
+        """Return a polygon with these corners."""
         return f'<polygon class="{look}" points="{self._points(places)}"{attributes(more)}/>'
 
     def box(self, look: str, corner: Place, width: float, height: float, **more: object) -> str:
-        """A rectangle, given by its lower left corner."""
+        """Return a rectangle, given by its lower left corner."""
         x, y = self.at(corner[0], corner[1] + height)
         size = self._pixels(x=x, y=y, width=width * self.scale, height=height * self.scale)
         return f'<rect class="{look}"{size}{attributes(more)}/>'
 
     def disc(self, look: str, centre: Place, radius: float, **more: object) -> str:
-        """A circle."""
+        """Return a circle."""
         x, y = self.at(centre[0], centre[1])
         size = self._pixels(cx=x, cy=y, r=radius * self.scale)
         return f'<circle class="{look}"{size}{attributes(more)}/>'
@@ -49,7 +49,7 @@ class View:
     def words(
         self, words: str, place: Place, right: float = 0.0, down: float = 0.0, **more: object
     ) -> str:
-        """A text, placed *right* and *down* pixels beside a place."""
+        """Return a text, placed *right* and *down* pixels beside a place."""
         x, y = self.at(place[0], place[1])
         return (
             f"<text{self._pixels(x=x + right, y=y + down)}{attributes(more)}>{text(words)}</text>"

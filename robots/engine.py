@@ -63,7 +63,9 @@ class BulletWorld:
     def _render(
         self, camera: Camera, size: tuple[int, int], ground_bodies: Sequence[int]
     ) -> Rendering:
-        """The image of a camera: colours, depths, and masks of the ground and of objects on it."""
+        """Return the image of a camera: colours, depths, and masks of the ground and of objects on
+        it.
+        """
         width, height = size
         view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
         lens = pybullet.computeProjectionMatrixFOV(

@@ -1,4 +1,4 @@
-"""Command-line options that robots share. Robots' programs import this file: it stays light."""
+"""Command-line options that robots share. Robots' programs import this file, so it stays light."""
 
 import argparse
 from collections.abc import Callable, Collection
@@ -6,12 +6,14 @@ from pathlib import Path
 
 
 def program_parser(program: str, description: str | None) -> argparse.ArgumentParser:
-    """A parser for the command line `python -m robots.<program>`."""
+    """Return a parser for the command line `python -m robots.<program>`."""
     return argparse.ArgumentParser(prog=f"python -m robots.{program}", description=description)
 
 
 def show_parser(program: str, description: str | None, out: str) -> argparse.ArgumentParser:
-    """The same with the option `--out`, which all shows have. *out* is its default."""
+    """Return a ``program_parser`` with the option `--out`, which all shows have. *out* is its
+    default.
+    """
     parser = program_parser(program, description)
     parser.add_argument(
         "--out", type=Path, default=Path(out), help="folder of its files (%(default)s)"
@@ -53,7 +55,9 @@ def add_without(parser: argparse.ArgumentParser, layers: Collection[str]) -> Non
 
 
 def number_between(least: float, most: float, what: str) -> Callable[[str], float]:
-    """The type of an option with a number from *least* to *most*. Errors call the option *what*."""
+    """Return the type of an option with a number from *least* to *most*. Errors call the option
+    *what*.
+    """
 
     def number(text: str) -> float:
         if not least <= float(text) <= most:

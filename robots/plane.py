@@ -14,7 +14,7 @@ Number = TypeVar("Number", float, "NDArray[np.float64]")
 def world_place(
     x: float, y: float, heading: float, ahead: Number, left: Number
 ) -> tuple[Number, Number]:
-    """The world coordinates of a place *ahead* and to the *left* of an observer at x, y."""
+    """Return the world coordinates of a place *ahead* and to the *left* of an observer at x, y."""
     cos, sin = math.cos(heading), math.sin(heading)
     return x + cos * ahead - sin * left, y + sin * ahead + cos * left
 
@@ -22,7 +22,7 @@ def world_place(
 def seen_from(
     x: float, y: float, heading: float, place_x: Number, place_y: Number
 ) -> tuple[Number, Number]:
-    """How far ahead and to the left of an observer at x, y a place of the world is."""
+    """Return how far ahead and to the left of an observer at x, y a place of the world is."""
     cos, sin = math.cos(heading), math.sin(heading)
     dx, dy = place_x - x, place_y - y
     return cos * dx + sin * dy, cos * dy - sin * dx

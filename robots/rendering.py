@@ -49,7 +49,8 @@ class Rendering:
 def camera_in_the_sun(
     sun: Triple, distance: float, target: Triple, angle: float, depth: float
 ) -> Camera:
-    """A camera in the direction *sun* from the target. Ground that it does not see lies in shadow.
+    """Return a camera in the direction *sun* from the target. Ground that it does not see lies in
+    shadow.
 
     It shows everything up to *depth* metres before and behind the target.
     """
@@ -58,7 +59,7 @@ def camera_in_the_sun(
 
 
 def ground_places(frame: Rendering) -> Array:
-    """The world point (n, 3) seen in each ground pixel, from its depth."""
+    """Return the world point (n, 3) seen in each ground pixel, from its depth."""
     row, column = np.nonzero(frame.ground)
     height, width = frame.ground.shape
     across, down = 2 * (column + 0.5) / width - 1, 1 - 2 * (row + 0.5) / height
@@ -75,7 +76,8 @@ def near_multiple(values: Array, step: float, width: float) -> Mask:
 
 
 def shadow(places: Array, from_sun: Rendering) -> Array:
-    """The brightness of places of the ground: SHADOW where an object hides them from the sun.
+    """Return the brightness of places of the ground: SHADOW where an object hides them from the
+    sun.
 
     Shadows have soft edges. Places outside the sun's rendering are lit.
     """
@@ -89,7 +91,7 @@ def shadow(places: Array, from_sun: Rendering) -> Array:
 
 
 def _blurred(cells: Mask) -> Array:
-    """The mean over 5 by 5 cells."""
+    """Return the mean over 5 by 5 cells."""
     image = Image.fromarray(255 * cells.astype(np.uint8))
     return np.asarray(image.filter(ImageFilter.BoxBlur(2))) / 255
 

@@ -6,7 +6,7 @@ Triple = tuple[float, float, float]
 
 
 def robot(name: str, colours: Mapping[str, Triple], parts: Iterable[str]) -> str:
-    """The whole description: the colours that visuals name, and the links and joints."""
+    """Return the whole description: the colours that visuals name, and the links and joints."""
     materials = "".join(
         f'<material name="{colour}"><color rgba="{_text(rgb)} 1"/></material>'
         for colour, rgb in colours.items()
@@ -23,8 +23,8 @@ def link(
     *,
     centre: Triple = (0, 0, 0),
 ) -> str:
-    """A link with the inertia of a box of this size, its visuals *looks* and its collision shape
-    *solid*.
+    """Return a link with the inertia of a box of this size, its visuals *looks* and its collision
+    shape *solid*.
     """
     x, y, z = (side * side * mass / 12 for side in size)
     moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
@@ -42,7 +42,7 @@ def joint(
     limits: tuple[float, float] | None,
     effort: float,
 ) -> str:
-    """A joint that moves *child* against *parent*.
+    """Return a joint that moves *child* against *parent*.
 
     Without *limits* the joint turns or slides without end. Limits of 0 and 0 would hold it at 0.
     """
@@ -55,27 +55,27 @@ def joint(
 
 
 def solid_box(centre: Triple, size: Triple) -> str:
-    """The collision shape of a box."""
+    """Return the collision shape of a box."""
     return collision(centre, f'<box size="{_text(size)}"/>')
 
 
 def collision(centre: Triple, geometry: str) -> str:
-    """A collision shape."""
+    """Return a collision shape."""
     return f"<collision>{_place(centre)}<geometry>{geometry}</geometry></collision>"
 
 
 def box(centre: Triple, size: Triple, colour: str) -> str:
-    """The visual of a box."""
+    """Return the visual of a box."""
     return _visual(_place(centre), f'<box size="{_text(size)}"/>', colour)
 
 
 def cylinder(centre: Triple, radius: float, length: float, colour: str) -> str:
-    """The visual of an upright cylinder."""
+    """Return the visual of an upright cylinder."""
     return _visual(_place(centre), f'<cylinder radius="{radius}" length="{length}"/>', colour)
 
 
 def wheel(centre: Triple, radius: float, length: float, colour: str) -> str:
-    """The visual of a cylinder that lies across."""
+    """Return the visual of a cylinder that lies across."""
     place = f'<origin xyz="{_text(centre)}" rpy="1.5707963 0 0"/>'
     return _visual(place, f'<cylinder radius="{radius}" length="{length}"/>', colour)
 

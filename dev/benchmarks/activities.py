@@ -47,9 +47,10 @@ class Controller:
 def play(
     activities: int, processors: int, period: float, seconds: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the first start (p95), the last end (p95), the jitter (median and p99), and a tick.
+    """Return the first start (p95), the last end (p95), the jitter (median and p99), and the cost
+    of a tick.
 
-    The last is in microseconds, the others in milliseconds.
+    The cost is in microseconds, all other figures in milliseconds.
     """
     baton = Baton()
     schedule, began = baton.schedule, defaultdict[str, list[float]](list)

@@ -27,7 +27,7 @@ REPORTS = 300
 
 
 def chain(length: int) -> Coordination:
-    """Return activities in a row; each makes a fact that the next one needs."""
+    """Return activities in a row. Each activity makes a fact that the next activity needs."""
     with Coordination(
         "chain", facts={f"done {place}": False for place in range(length + 1)}
     ) as machine:

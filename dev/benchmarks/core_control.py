@@ -30,7 +30,7 @@ DEADLINE = 1e6
 
 
 class Steered(Bench):
-    """The planner and user of the other benchmark, and an expert."""
+    """The planner and user of core_events.py, and an expert."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -70,7 +70,8 @@ class Steered(Bench):
     def steady(self, parent: int, rounds: int) -> list[float]:
         """Return the seconds per event.
 
-        Each round sends a goal and lets the handlers of an older one and of its wiretap return.
+        Each round sends a goal. Then two handlers return: those of an older goal and of that goal's
+        wiretap.
         """
         costs = []
         for _ in range(rounds):
@@ -120,7 +121,9 @@ class Steered(Bench):
 
 
 def measure(size: int, *, deep: bool) -> tuple[float, float, dict[str, float]]:
-    """Return microseconds per event while the tree grows and at its size; seconds per operation."""
+    """Return the microseconds per event, first while the tree grows, then at its full size, and the
+    seconds of each operation.
+    """
     bench = Steered()
     begin = time.perf_counter()
     bottom = bench.grow(size, deep=deep)

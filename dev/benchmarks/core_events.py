@@ -71,7 +71,7 @@ class Bench:
     def steady(self, parent: int, rounds: int) -> list[float]:
         """Return the seconds per event.
 
-        Each round sends a goal under *parent*, and lets the handler of an older one return.
+        Each round sends a goal under *parent*, and lets the handler of an older goal return.
         """
         costs = []
         for _ in range(rounds):

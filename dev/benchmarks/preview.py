@@ -83,7 +83,7 @@ def back(state: int, _: int) -> list[LikelyArrow]:
 
 
 def ladder(state: int, length: int) -> list[LikelyArrow]:
-    """Skip each second state, or not."""
+    """Return an arrow that skips the next state, and one that does not."""
     return [
         LikelyArrow("short", min(state + 2, length), 0.45),
         LikelyArrow("done", state + 1, 0.55),

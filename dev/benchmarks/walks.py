@@ -44,7 +44,7 @@ WAITING = (TAKE_STEPS.name, ACQUIRE_IMAGE.name)
 
 
 def walk(folder: Path, options: list[str]) -> tuple[bool, Figures | None]:
-    """Run a walk; return whether it was completed, and its figures, None if it was killed."""
+    """Run a walk; return whether it was completed, and its figures; None if the walk was killed."""
     command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
     code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
     written = folder / "figures.json"

@@ -7,7 +7,9 @@ T = TypeVar("T")
 
 
 class Choices:
-    """Choices made by bytes: each consumes some. When none are left, it is the first option."""
+    """Choices made by bytes. Each choice consumes some. When no bytes are left, the first option is
+    chosen.
+    """
 
     def __init__(self, data: bytes) -> None:
         self._data = data

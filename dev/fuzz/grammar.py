@@ -1,7 +1,7 @@
 """Random headers: every type of the protocol by its type hints, mostly with plausible fields.
 
-A new header or field needs no change here: its type defines the allowed values, its name the
-plausible ones.
+A new header or field needs no change here. The type of a field defines its allowed values, the name
+its plausible values.
 """
 
 import types
@@ -65,8 +65,8 @@ TEXTS = (
     '{"$ref":"#/$defs/a","$defs":{"a":{"$ref":"#/$defs/a"}}}',
     "[" * 600,
 )
-MOST_ITEMS = 4  # in a list, less one
-MOST_CHANGED = 4  # fields of a struct that do not keep their default, less one
+MOST_ITEMS = 4  # one more than a list may have
+MOST_CHANGED = 4  # one more than the fields of a struct that may lose their default
 
 Pools = Mapping[str, Callable[[], Sequence[Any]]]
 """The plausible values now, by the name of a field."""

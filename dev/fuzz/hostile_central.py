@@ -2,9 +2,9 @@
 
 Each step does what the server does: it unpacks the bytes, handles their items, and packs, records
 and logs the effects. There must be no exception, and the invariants must hold after each step. A
-module must be able to read central's packets, and a reader of journals its entries. A second
-central gets the same bytes, and sometimes restarts from an image of itself: its effects must be the
-same.
+module must be able to read central's packets, and a reader of journals central's entries. A second
+central gets the same bytes, and sometimes restarts from an image of itself. Both centrals must have
+the same effects.
 """
 
 import io
@@ -66,7 +66,7 @@ _NAMES = tuple(one.name for one in _DECLARED)
 _RESOURCES = ("legs", "planner", "user", "eyes")
 _KEYS = ("", "arm", "uid:1001", "*", "owner")
 _FAILURES = ("", "slipped", "timeout", "module lost", "handler error")
-# The connections: a module's own, and with a number those that handle its messages.
+# The connections: a module's own, such as "legs", and those of its slots, such as "legs/1".
 LINES = (b"user", b"legs", b"legs/1", b"legs/2", b"planner", b"planner/1", b"new", b"newer")
 
 _SILENT = logging.getLogger("fuzz")
@@ -155,7 +155,7 @@ class Attacked:
         assert due is None or math.isfinite(due), f"a timer is due at {due}"
 
     def restore_from_image(self) -> None:
-        """Replace central by one that is restored from an image of it."""
+        """Replace central by a copy that is restored from central's image."""
         if can_encode(self.central):
             self.central = decode(encode(self.central))
             self._lines = LogLines(_SILENT, self.central)
@@ -229,7 +229,7 @@ class Attack:
 
     @property
     def central(self) -> Central:
-        """The first of the two."""
+        """The first of the two centrals."""
         return self._attacked[0].central
 
     def run(self) -> None:

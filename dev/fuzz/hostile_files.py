@@ -1,7 +1,7 @@
 """Readers of foreign files and data: journals, user data and formats.
 
-Unreadable input must raise JournalDamaged or BadData, never another exception. Text shown of the
-rest must not control a terminal.
+Unreadable input must raise JournalDamaged or BadData, never another exception. The text that tools
+show of readable input must not control a terminal.
 """
 
 import io

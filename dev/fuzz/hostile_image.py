@@ -1,4 +1,6 @@
-"""Foreign images of central's state: an ImageError, or a central, and nothing else."""
+"""Foreign images of central's state. To decode one gives a central or an ImageError, nothing
+else.
+"""
 
 import contextlib
 import struct

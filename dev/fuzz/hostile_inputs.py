@@ -1,7 +1,7 @@
-"""Foreign logs of inputs, as ``tca check --rerun`` reads them: at most a CentralError.
+"""Foreign logs of inputs, as ``tca check --rerun`` reads them. Reading may raise only CentralError.
 
-A central also starts on them, writes, and is killed, again and again: each restart must continue,
-whatever the ends of the files.
+A central also starts on these logs, writes, and is killed, again and again. Each restart must
+continue the run, whatever the ends of the files.
 """
 
 import contextlib

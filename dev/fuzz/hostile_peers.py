@@ -56,7 +56,7 @@ class _Steps:
         return self.choices.below(12)
 
     def clock(self) -> float:
-        """The present time."""
+        """Return the present time."""
         return self.now
 
 
@@ -246,7 +246,7 @@ def attack_entrance(data: bytes) -> None:
 
 
 def attack_path(data: bytes) -> None:
-    """Let a slot send anything to a module that sends there."""
+    """Let a slot send anything to a module that sends direct messages to this slot."""
     steps = _Steps(data)
     choices = steps.choices
     finished: list[Request] = []

@@ -38,7 +38,9 @@ WANTED = 0.9
 
 AT_ONCE = 2
 MEMORY = 4 << 20
-"""The limit in kilobytes: a mutant may never end."""
+"""The limit for the memory of a mutant, in kilobytes. A mutant might allocate memory without
+end.
+"""
 
 FLIPPED: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
@@ -86,7 +88,7 @@ class Mutant:
         return b"".join([*lines[:first], changed, *lines[last + 1 :]]).decode()
 
     def diff(self) -> str:
-        """The mutant's change, with the lines around."""
+        """Return the mutant's change, with the lines around."""
         here, there = (text.splitlines(keepends=True) for text in (self.original, self.source))
         return "".join(
             difflib.unified_diff(here, there, str(self.path), f"mutant: {self.kind}", n=3)
@@ -190,8 +192,8 @@ class Copy:
         return done.returncode == 0
 
     def _write(self, path: Path, text: str) -> None:
-        """Write a file and delete its byte code: Python might reuse it for a file of the same size
-        and age.
+        """Write a file and delete its byte code. Python might reuse the old byte code, if the file
+        has the same size and age as before.
         """
         file = self.folder / path
         file.write_text(text)

@@ -79,7 +79,9 @@ def _prepared_folder(folder: Path) -> Path:
 
 
 def why_no_physics(options: argparse.Namespace) -> str:
-    """Why this walk has no physics, and so no camera and no window; empty if it has physics."""
+    """Return why this walk has no physics, and so no camera and no window; empty if it has
+    physics.
+    """
     if options.backend in WITHOUT_PHYSICS:
         return f"the {options.backend} backend has no physics to look at: leave --backend out"
     return "" if pybullet_is_installed() else "it needs PyBullet, which is not installed here"

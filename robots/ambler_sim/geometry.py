@@ -3,7 +3,7 @@ point.
 
 Body frame: x forward, y left, z up; the origin is between the two shafts at the lowest shoulder. A
 leg is orthogonal: it turns about its shaft (angle), reaches out (reach), and its vertical link goes
-down (drop). Its inverse kinematics are therefore closed-form.
+down (drop). The inverse kinematics of a leg are therefore closed-form.
 """
 
 import math
@@ -70,17 +70,17 @@ SHOULDER_Z: Array = np.array(AMBLER.shoulder_heights)
 
 
 def is_left(leg: int) -> bool:
-    """Whether a leg hangs on the left shaft (0, 1, 2), not on the right one (3, 4, 5)."""
+    """Return whether a leg hangs on the left shaft (0, 1, 2), not on the right one (3, 4, 5)."""
     return leg < LEGS[3]
 
 
 def side_of(leg: int) -> tuple[int, ...]:
-    """The three legs of the stack that *leg* belongs to."""
+    """Return the three legs of the stack that *leg* belongs to."""
     return LEGS[:3] if is_left(leg) else LEGS[3:]
 
 
 def circulation(leg: int) -> int:
-    """The sense in which a leg always turns: left stack counter-clockwise (+1), right stack
+    """Return the sense in which a leg always turns: left stack counter-clockwise (+1), right stack
     clockwise (-1).
 
     The rear-most leg comes forward between the shafts, so the order of legs within a stack never
@@ -90,7 +90,7 @@ def circulation(leg: int) -> int:
 
 
 def unwrap(angle: float, near: float) -> float:
-    """The angle nearest to *near* that differs from *angle* by whole turns."""
+    """Return the angle nearest to *near* that differs from *angle* by whole turns."""
     return near + math.remainder(angle - near, math.tau)
 
 
@@ -107,22 +107,24 @@ def to_body(pose: Pose, points: Array) -> Array:
 
 
 def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
-    """The world x, y of a point given relative to the body."""
+    """Return the world x, y of a point given relative to the body."""
     return world_place(pose.x, pose.y, pose.heading, forward, left)
 
 
 def distance(here: Pose | Foot, there: Pose | Foot) -> float:
-    """Metres between two places, seen from above."""
+    """Return the distance (m) between two places, seen from above."""
     return math.hypot(there.x - here.x, there.y - here.y)
 
 
 def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
-    """How far ahead and to the left of the body a place is."""
+    """Return how far ahead and to the left of the body a place is."""
     return seen_from(pose.x, pose.y, pose.heading, place.x, place.y)
 
 
 def rigid_motion(before: Array, after: Array) -> tuple[float, Array]:
-    """The turn, then the shift, that fit points *before* (n, 2) onto *after* (least squares)."""
+    """Return the turn, then the shift, that fit points *before* (n, 2) onto *after* (least
+    squares).
+    """
     middle_before, middle_after = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle_before, after - middle_after
     turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
@@ -132,7 +134,9 @@ def rigid_motion(before: Array, after: Array) -> tuple[float, Array]:
 
 
 def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
-    """Forward kinematics: (angle, reach, drop) rows of *legs* to feet in the body frame."""
+    """Convert (angle, reach, drop) rows of *legs* to feet in the body frame (forward
+    kinematics).
+    """
     index = list(legs)
     angle, reach, drop = joints.T
     return np.stack(
@@ -142,9 +146,9 @@ def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
 
 
 def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS) -> Array:
-    """Inverse kinematics: body-frame feet to (angle, reach, drop) rows.
+    """Convert feet in the body frame to (angle, reach, drop) rows (inverse kinematics).
 
-    With *near* each angle is unwrapped: it is within half a turn of its angle in *near*.
+    With *near* each angle is unwrapped, so that it is within half a turn of the angle in *near*.
     """
     index = list(legs)
     x, y = feet[:, 0], feet[:, 1] - SHAFT_Y[index]
@@ -155,7 +159,7 @@ def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS
 
 
 def stance_of(pose: Pose, joints: Array, last_leg: int = NO_LEG) -> Stance:
-    """The stance of a body at *pose* with these (angle, reach, drop) rows of all legs."""
+    """Return the stance of a body at *pose* with these (angle, reach, drop) rows of all legs."""
     world = to_world(pose, feet_of(joints))
     feet = tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world))
     return Stance(pose, feet, last_leg)
@@ -178,8 +182,8 @@ def within_limits(joints: Array, reserve: float = 0.0) -> NDArray[np.bool_]:
 
 
 def circulating_angle(pose: Pose, foot: Foot) -> float:
-    """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi. The rear-most leg
-    of a side has turned furthest.
+    """Return how far a leg has turned from straight ahead in its own sense, 0 to 2 pi. The
+    rear-most leg of a side has turned furthest.
 
     A leg that was stopped on its way to the front counts as rear-most until it has passed the nose.
     """
@@ -188,7 +192,7 @@ def circulating_angle(pose: Pose, foot: Foot) -> float:
 
 
 def positions(stance: Stance) -> Array:
-    """The six feet as an array (6, 3)."""
+    """Return the six feet as an array (6, 3)."""
     return np.array([[foot.x, foot.y, foot.z] for foot in stance.feet])
 
 

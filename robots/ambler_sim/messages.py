@@ -33,7 +33,9 @@ class Bend:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Pieces to walk one after the other. With *ask* the operator confirms each but the first."""
+    """Pieces to walk one after the other. With *ask* the operator confirms each piece but the
+    first.
+    """
 
     bends: tuple[Bend, ...]
     ask: bool = False
@@ -76,7 +78,9 @@ class Placing:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """A request to switch on a leg's amplifier or to free its joint, with *operator* by hand."""
+    """A request to switch on a leg's amplifier or to free its joint. With *operator* a person does
+    that by hand.
+    """
 
     leg: int
     operator: bool = False

@@ -31,7 +31,9 @@ class Mode(StrEnum):
 
 
 def walk_options(program: str = "", description: str | None = None) -> argparse.ArgumentParser:
-    """The parser of a walk's options or, with *program*, of the same options for that program."""
+    """Return the parser of a walk's options or, with *program*, of the same options for that
+    program.
+    """
     parser = show_parser(f"ambler_sim{program}", description, out="walk")
     add = parser.add_argument
     add(

@@ -1,5 +1,6 @@
-"""The exception handlers of the error recovery module, to be attached by layers, and a function
-that makes a layer. The modules that walk do not know them.
+"""The exception handlers of the error recovery module, and a function that makes a layer.
+
+Layers attach these exception handlers. The modules that walk do not know them.
 """
 
 from robots.ambler_sim.vocabulary import Contact
@@ -24,5 +25,7 @@ def make_layer(name: str) -> Module:
 
 
 def is_attached(name: str) -> Query[None, bool]:
-    """The query whether a layer is attached. A module attaches itself before its first message."""
+    """Return the query whether a layer is attached. A layer's module attaches the layer before its
+    first message.
+    """
     return Query(f"{name} attached?", reply=bool)

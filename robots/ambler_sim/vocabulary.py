@@ -87,8 +87,8 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class LegMove:
-    """Lift the foot to world height *lift*, retract to *radius*, rotate, extend over *foothold*,
-    lower until it stands.
+    """A move of a leg: lift the foot to world height *lift*, retract it to *radius*, rotate, extend
+    it over *foothold*, lower it until it stands.
 
     *sense*: +1 rotates counter-clockwise seen from above, -1 clockwise, 0 the short way.
     """
@@ -102,7 +102,7 @@ class LegMove:
 
 @dataclass(frozen=True, slots=True)
 class BodyMove:
-    """Bring the body to *goal* in *duration* seconds while all feet stay where they are."""
+    """A move of the body to *goal* in *duration* seconds. All feet stay where they are."""
 
     goal: Pose
     duration: float
@@ -122,8 +122,8 @@ class Contact:
     """A contact of a moving leg: the place of its foot, the force (N) that stopped it, and the
     direction of its move.
 
-    The direction is a unit vector; it is zero if the leg went down. Leg -1 stands for the body, and
-    the place is then that of its front.
+    The direction is a unit vector; it is zero if the leg went down. Leg -1 stands for the body. The
+    place is then the body's front.
     """
 
     leg: int
@@ -177,8 +177,8 @@ class Rock:
 class TerrainSpec:
     """The data that define a ground.
 
-    They are its kind (one of TERRAINS), its steepest gradient (rise per run), its rocks, and the
-    places (x, y) where it gave way.
+    They are the kind of ground (one of TERRAINS), the steepest gradient (rise per run), the rocks,
+    and the places (x, y) where ground gave way.
     """
 
     seed: int = 1
@@ -210,8 +210,7 @@ class Readings:
     """The present values of the robot's own sensors.
 
     They are two inclinometers, six foot force sensors (NaN: broken) and each leg's amplifier (on or
-    off). *encoder_offsets* (m) compare each leg's relative encoder of the reach with its absolute
-    one.
+    off). *encoder_offsets* (m) compare the relative and the absolute encoder of each leg's reach.
     """
 
     time: float

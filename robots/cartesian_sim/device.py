@@ -7,11 +7,13 @@ from robots.cartesian_sim.generated import DeviceBase, MotorOrder
 from robots.cartesian_sim.mechanism import Axis, CleaningMechanism
 
 LONGEST = 0.1
-"""The longest time in seconds that a step simulates, even if the step comes later."""
+"""The longest time in seconds that a step simulates. A step that comes later simulates no more."""
 
 
 class Device(DeviceBase):
-    """The activities of the device. Its time is a clock's, whatever the simulation's period."""
+    """The activities of the device. *clock* gives the device's time, whatever the simulation's
+    period.
+    """
 
     clock: Callable[[], float] = staticmethod(time.monotonic)
 

@@ -69,7 +69,7 @@ class Guide(GuideBase):
         self.target_y.set(JointTarget(data.goal_y, speeds[1]))
 
     def is_there(self) -> bool:
-        """Whether both axes are at the goal."""
+        """Return whether both axes are at the goal."""
         return math.dist((self.data.x, self.data.y), (self.data.goal_x, self.data.goal_y)) <= NEAR
 
     # --- cleaning ---------------------------------------------------------------------------------
@@ -95,15 +95,15 @@ class Guide(GuideBase):
                 self._go_to_corner()
 
     def is_tool_out(self) -> bool:
-        """Whether the tool touches the wall."""
+        """Return whether the tool touches the wall."""
         return abs(self.data.tool - TOOL_OUT) <= NEAR
 
     def is_tool_back(self) -> bool:
-        """Whether the tool is off the wall."""
+        """Return whether the tool is off the wall."""
         return self.data.tool <= NEAR
 
     def is_pattern_done(self) -> bool:
-        """Whether all lanes are clean."""
+        """Return whether all lanes are clean."""
         return self.data.passed >= len(PATTERN)
 
     def _go_to_corner(self) -> None:

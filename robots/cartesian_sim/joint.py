@@ -59,15 +59,15 @@ class Joint(JointBase):
     # --- limits of range --------------------------------------------------------------------------
 
     def is_at_low(self) -> bool:
-        """Whether the lower switch is closed."""
+        """Return whether the lower switch is closed."""
         return self.data.at_low
 
     def is_at_high(self) -> bool:
-        """Whether the upper switch is closed."""
+        """Return whether the upper switch is closed."""
         return self.data.at_high
 
     def is_in_range(self) -> bool:
-        """Whether both switches are open."""
+        """Return whether both switches are open."""
         return not (self.data.at_low or self.data.at_high)
 
     # --- axis referencing -------------------------------------------------------------------------
@@ -97,7 +97,7 @@ class Joint(JointBase):
         self._drive(0.0)
 
     def has_power(self) -> bool:
-        """Whether the brake is open."""
+        """Return whether the brake is open."""
         return self.data.is_powered
 
     # --- movement control -------------------------------------------------------------------------
@@ -120,27 +120,27 @@ class Joint(JointBase):
         self._drive(0.0)
 
     def may_jog(self) -> bool:
-        """Whether there is room ahead and the joint does not search for its reference."""
+        """Return whether there is room ahead and the joint does not search for its reference."""
         at_end = (self.data.at_low and self.goes_down()) or (self.data.at_high and self.goes_up())
         return not (at_end or self.referencing.is_in("searching"))
 
     def goes_down(self) -> bool:
-        """Whether the wanted speed leads to the lower switch."""
+        """Return whether the wanted speed leads to the lower switch."""
         return self.data.speed < 0
 
     def goes_up(self) -> bool:
-        """Whether the wanted speed leads to the upper switch."""
+        """Return whether the wanted speed leads to the upper switch."""
         return self.data.speed > 0
 
     def has_arrived(self) -> bool:
-        """Whether the joint stands at its target."""
+        """Return whether the joint stands at its target."""
         return (
             abs(self.data.target - self._position()) <= EXACT
             and abs(self.data.measured_speed) <= 2 * STILL
         )
 
     def is_still(self) -> bool:
-        """Whether the axis has stopped."""
+        """Return whether the axis has stopped."""
         return abs(self.data.measured_speed) <= STILL
 
     # --- shared by the regions --------------------------------------------------------------------
@@ -153,5 +153,5 @@ class Joint(JointBase):
 
 
 def _safe_speed(left: float) -> float:
-    """The speed from which a joint stops within *left* metres."""
+    """Return the speed from which a joint stops within *left* metres."""
     return min(math.sqrt(2 * DECELERATION * left), left / LAG)

@@ -22,7 +22,9 @@ APART = 0.004
 
 @dataclass(frozen=True)
 class Sensed:
-    """The sensor values of an axis. *reading* is the distance from its place at the start."""
+    """The sensor values of an axis. *reading* is the distance from the axis's place at the
+    start.
+    """
 
     reading: float
     speed: float
@@ -68,7 +70,7 @@ class Axis:
             self.speed = 0.0
 
     def sensed(self) -> Sensed:
-        """The sensor values."""
+        """Return the sensor values."""
         at_low, at_high = self.position < 0.0, self.position > self.length
         return Sensed(self.position - self.began_at, self.speed, self.is_powered, at_low, at_high)
 
@@ -109,7 +111,7 @@ class CleaningMechanism:
             self._strokes.append(())  # the next stroke begins when the tool touches the wall again
 
     def scene(self) -> Scene:
-        """The visible state."""
+        """Return the visible state."""
         x, y, tool = (axis.position for axis in self.axes.values())
         return Scene(x, y, tool, tuple(stroke for stroke in self._strokes if stroke))
 
@@ -127,5 +129,5 @@ class CleaningMechanism:
 def _is_straight(
     start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]
 ) -> bool:
-    """Whether the way through *middle* is as long as the direct way."""
+    """Return whether the way through *middle* is as long as the direct way."""
     return math.dist(start, middle) + math.dist(middle, end) - math.dist(start, end) < 1e-5

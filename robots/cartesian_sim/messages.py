@@ -17,7 +17,7 @@ class WallPoint(msgspec.Struct, frozen=True):
 
 
 class JointMove(msgspec.Struct, frozen=True):
-    """Move a joint to a position, in metres."""
+    """A move of a joint to a position, in metres."""
 
     joint: str
     position: float
@@ -25,7 +25,9 @@ class JointMove(msgspec.Struct, frozen=True):
 
 
 class JointSpeed(msgspec.Struct, frozen=True):
-    """Move a joint at a speed, in metres a second, until it is stopped or its range ends."""
+    """A move of a joint at a speed, in metres a second, until the joint is stopped or its range
+    ends.
+    """
 
     joint: str
     speed: float

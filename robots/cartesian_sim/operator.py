@@ -1,6 +1,7 @@
 """The module that carries out users' commands, and the controls that the page offers for them.
 
-It writes a command to the components' ports and waits until the regions show that it is done.
+The module writes a command to the components' ports, and waits until the regions show the end of
+the command.
 """
 
 from collections.abc import Callable
@@ -48,7 +49,7 @@ class Operator:
         self.joints: dict[str, Joint] = {name: getattr(components, name) for name in JOINTS}
 
     def module(self, central: CentralAddress = None) -> Module:
-        """The module that handles the commands. Stopping commands do not wait for others."""
+        """Return the module that handles the commands. Stopping commands do not wait for others."""
         module = Module("cleaning robot", central)
         at_once = module.resource("at once")
         module.handles(ENABLE)(self.enable)
@@ -129,11 +130,11 @@ class Operator:
     # --- shared by the commands -------------------------------------------------------------------
 
     def _all_are(self, region: str, state: str) -> bool:
-        """Whether this region of all joints is in this state."""
+        """Return whether this region of all joints is in this state."""
         return all(joint.regions[region].is_in(state) for joint in self.joints.values())
 
     def _any_is(self, state: str) -> bool:
-        """Whether the referencing region of any joint is in this state."""
+        """Return whether the referencing region of any joint is in this state."""
         return any(joint.referencing.is_in(state) for joint in self.joints.values())
 
     def _command_joints(self, command: str) -> None:
@@ -168,7 +169,9 @@ class Operator:
         )
 
     def _wait_for_start(self, task: Task, has_started: Callable[[], bool]) -> None:
-        """Wait a little for a start. Missing it is no failure: the action may be over."""
+        """Wait a little for a start. A start that is not seen is no failure: the action may be
+        over.
+        """
         deadline = task.time() + START_LIMIT
         while not has_started() and task.time() < deadline:
             task.sleep(CHECK_PERIOD / 5)

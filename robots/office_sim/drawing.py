@@ -101,7 +101,7 @@ def _block(view: View, look: str, block: Block) -> str:
 
 
 def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
-    """A cup with its number. A cup that a person picked up is crossed out."""
+    """Yield the parts of a cup with its number. A cup that a person picked up is crossed out."""
     yield view.disc(look, place, CUP / view.scale)
     beside = 0.0
     if look == "taken":
@@ -114,7 +114,7 @@ def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
 
 
 def _legend(view: View) -> Iterable[str]:
-    """All looks, in one row. *view* is in pixels."""
+    """Yield the parts of the legend: all looks, in one row. *view* is in pixels."""
     x = CUP
     for look, words in CUPS.items():
         yield from _cup(view, look, (x, 0.0), "")

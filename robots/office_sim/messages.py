@@ -8,7 +8,7 @@ REACH = 0.45
 
 # Goals.
 KEEP_FLOOR_FREE = Goal("keep floor free")
-"""It lasts until CALL_IT_A_DAY has come and all goals under it are done."""
+"""The goal lasts until CALL_IT_A_DAY has come and all goals under it are done."""
 CALL_IT_A_DAY = Inform("call it a day")
 COLLECT_CUP = Goal("collect cup", Cup)
 NAVIGATE = Goal("navigate", Approach)

@@ -17,7 +17,7 @@ class NoPath(Exception):
 
 
 def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
-    """The points to drive to, in order; empty if the robot is near enough. Raises NoPath."""
+    """Return the points to drive to, in order; empty if the robot is near enough. Raises NoPath."""
     blocks = [block.grown(RADIUS) for block in (*floor.walls, *floor.tables)]
     corners = [
         Spot(x, y)
@@ -29,7 +29,7 @@ def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
 
 
 def is_clear(start: Spot, end: Spot, block: Block) -> bool:
-    """Whether no part of a straight way lies inside a block."""
+    """Return whether no part of a straight way lies inside a block."""
     first, last = 0.0, 1.0
     for begin, goal, low, high in (
         (start.x, end.x, block.left, block.right),
@@ -45,7 +45,9 @@ def is_clear(start: Spot, end: Spot, block: Block) -> bool:
 
 
 def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
-    """The way from the first spot to the last, by Dijkstra's algorithm; without the first spot."""
+    """Return the way from the first spot to the last, by Dijkstra's algorithm; without the first
+    spot.
+    """
     start, goal = spots[0], spots[-1]
     before: dict[Spot, Spot] = {}
     known, queue = {start: 0.0}, [(0.0, 0, start)]
@@ -68,7 +70,9 @@ def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
 
 
 def _cut(way: list[Spot], within: float) -> list[Spot]:
-    """The points of a way after its first, up to the place that is *within* metres of the goal."""
+    """Return the points of a way after its first, up to the place that is *within* metres of the
+    goal.
+    """
     *middle, goal = way
     far = list(itertools.takewhile(lambda spot: spot.to(goal) > within, middle))
     if len(far) < len(middle):

@@ -13,16 +13,16 @@ class Spot:
     y: float
 
     def to(self, other: "Spot") -> float:
-        """The distance to another spot."""
+        """Return the distance to another spot."""
         return math.hypot(other.x - self.x, other.y - self.y)
 
     def towards(self, other: "Spot", metres: float) -> "Spot":
-        """The point *metres* towards another one."""
+        """Return the point *metres* towards another one."""
         part = metres / self.to(other)
         return Spot(self.x + part * (other.x - self.x), self.y + part * (other.y - self.y))
 
     def around(self, margin: float) -> "Block":
-        """The square around it."""
+        """Return the square around it."""
         return Block(self.x, self.y, self.x, self.y).grown(margin)
 
 
@@ -36,11 +36,11 @@ class Block:
     top: float
 
     def grown(self, by: float) -> "Block":
-        """The piece with a margin around it."""
+        """Return the piece with a margin around it."""
         return Block(self.left - by, self.bottom - by, self.right + by, self.top + by)
 
     def covers(self, spot: Spot) -> bool:
-        """Whether a point lies inside the block, not on its edge."""
+        """Return whether a point lies inside the block, not on its edge."""
         return self.left < spot.x < self.right and self.bottom < spot.y < self.top
 
 
@@ -56,7 +56,7 @@ class FloorPlan:
     charger: Spot
 
     def is_free(self, spot: Spot, margin: float) -> bool:
-        """Whether there is room of *margin* metres around a point."""
+        """Return whether there is room of *margin* metres around a point."""
         is_inside = (
             margin <= spot.x <= self.width - margin and margin <= spot.y <= self.depth - margin
         )

@@ -31,7 +31,7 @@ TAKEN = 0.35
 """The share of the cups that people pick up."""
 
 TAKEN_AFTER = (4.0, 60.0)
-"""The least and the greatest number of seconds after which they are picked up."""
+"""The least and the greatest number of seconds after which a person picks up a cup."""
 
 SLIPS = (0, 0, 0, 1, 1, 4)
 """How often a cup may slip out of the fingers."""
@@ -74,7 +74,7 @@ class OfficeWorld:
         self._happened: list[str] = []
 
     def _make_cups(self, rng: random.Random, shift: float) -> Iterator[WorldCup]:
-        """The cups that fall during the shift, at least one."""
+        """Yield the cups that fall during the shift, at least one."""
         spots: list[Spot] = []
         time = rng.uniform(1.0, 5.0)
         while not spots or time < shift:
@@ -131,7 +131,7 @@ class OfficeWorld:
         self._happened.append(f"{self.time:6.1f} s  {what}")
 
     def seen_spots(self) -> list[Spot]:
-        """The cups that the camera on the ceiling sees. It misses some and is not exact."""
+        """Return the cups that the camera on the ceiling sees. It misses some and is not exact."""
         seen = [
             cup.spot
             for cup in self._cups_in(CupState.FLOOR)
@@ -189,7 +189,9 @@ class OfficeWorld:
         return bool(held)
 
     def dock(self) -> float | None:
-        """Charge until full or driven away. Returns the duration; None too far from the charger."""
+        """Start to charge the battery. Returns the seconds until it is full; None too far from the
+        charger.
+        """
         if self.robot.to(self.floor.charger) > TOLERANCE:
             return None
         self._is_docked = True
@@ -204,7 +206,7 @@ class OfficeWorld:
         return self.robot.to(spot) <= REACH + TOLERANCE
 
     def scene(self) -> LabScene:
-        """The lab seen from above."""
+        """Return the lab seen from above."""
         trail = [Stretch(stretch.with_cup, stretch.points[:]) for stretch in self._trail]
         trail[-1].points.append(self.robot)
         cups = [SeenCup(cup.number, cup.spot, cup.state) for cup in self._cups]

@@ -37,7 +37,7 @@ class TimeIsUp:
         self._end = time.monotonic() + seconds
 
     def is_verified(self) -> bool:
-        """Whether the time has passed."""
+        """Return whether the time has passed."""
         return time.monotonic() >= self._end
 
 
@@ -84,7 +84,7 @@ class ShowIsOver:
         return self.reason
 
     def is_verified(self) -> bool:
-        """Whether the show is over."""
+        """Return whether the show is over."""
         return bool(self.reason)
 
 
@@ -151,8 +151,8 @@ class Show:
                     raise
 
     def _servers(self) -> dict[str, list[str]]:
-        """The Python module and arguments of each turtle's task server. A single turtle needs no
-        link to partners.
+        """Return the Python module and arguments of each turtle's task server. A single turtle
+        needs no link to partners.
         """
         names, rate = list(self._missions), ["--rate", str(RATE * self._pace)]
         if len(names) == 1:

@@ -42,7 +42,7 @@ def draw(sheet: Sheet, title: str) -> str:
 
 
 def _grid() -> Iterable[str]:
-    """A line for each unit, with its number below and at the left."""
+    """Yield a line for each unit, with its number below and at the left."""
     for number in range(int(SIZE) + 1):
         if 0 < number < SIZE:
             yield VIEW.line("line", [(number, 0), (number, SIZE)])

@@ -31,7 +31,7 @@ class Simulator:
         self._lock = threading.Lock()  # the modules have threads of their own
 
     def sheet(self) -> Sheet:
-        """The visible state of the sheet."""
+        """Return the visible state of the sheet."""
         with self._lock:
             strokes = [Stroke(stroke.pen, stroke.points[:]) for stroke in self._world.strokes]
             turtles = self._world.turtles.items()
@@ -40,7 +40,7 @@ class Simulator:
             )
 
     def module(self, name: str, central: CentralAddress = None) -> Module:
-        """The module that moves the turtle of this name. Raises NoSuchTurtle."""
+        """Return the module that moves the turtle of this name. Raises NoSuchTurtle."""
         world, lock = self._world, self._lock
         simulator = Module(f"{name} simulator", central)
         world.turtle(name)  # raises NoSuchTurtle

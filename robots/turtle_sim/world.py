@@ -20,7 +20,9 @@ COMMAND_LIFE = 1.0
 """Seconds after which a turtle without a new command stops, as in turtlesim."""
 
 FASTEST = 50.0
-"""The greatest speed of a command, in units or radians a second. Faster ones are limited to it."""
+"""The greatest speed of a command, in units or radians a second. Faster commands are limited to
+it.
+"""
 
 STRAIGHT = 1e-9
 """Radians a second below which a turtle moves straight ahead."""
@@ -68,8 +70,8 @@ class Stroke:
 class Turtle:
     """One turtle.
 
-    *command_left* is how many seconds more it follows its last command. *unstepped* is the time
-    since its last whole step.
+    *command_left* is the number of seconds for which the turtle still follows its last command.
+    *unstepped* is the time since its last whole step.
     """
 
     pose: Pose
@@ -117,7 +119,7 @@ class TurtleWorld:
             turtle.stroke = None
 
     def turtle(self, name: str) -> Turtle:
-        """The turtle of this name."""
+        """Return the turtle of this name."""
         if name not in self.turtles:
             raise NoSuchTurtle(
                 f"there is no turtle '{name}': the turtles are {', '.join(self.turtles) or 'none'}"
@@ -163,7 +165,7 @@ class TurtleWorld:
 
 
 def moved(pose: Pose, seconds: float) -> Pose:
-    """The pose after some time on its arc, as if there were no walls."""
+    """Return the pose after some time on its arc, as if there were no walls."""
     speed, turn = pose.linear_velocity, pose.angular_velocity * seconds
     theta = math.remainder(pose.theta + turn, math.tau)
     if abs(pose.angular_velocity) < STRAIGHT:
@@ -193,7 +195,7 @@ def _on_the_sheet(pose: Pose) -> Pose:
 def _is_between(
     start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]
 ) -> bool:
-    """Whether *middle* is on the straight line between the others, to a millionth."""
+    """Return whether *middle* is on the straight line between the others, to a millionth."""
     (ax, ay), (bx, by), (cx, cy) = start, middle, end
     along = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
     area = abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))

@@ -11,7 +11,9 @@ THRESHOLD = 0.5
 
 
 def likelihood(candidate: Candidate) -> float:
-    """The value of an early arm move: the probability that it is needed, whenever it begins."""
+    """Return the value of an early arm move: the probability that the move is needed. The progress
+    of the base does not count.
+    """
     return candidate.probability
 
 

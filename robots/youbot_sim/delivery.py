@@ -2,8 +2,8 @@
 one at C.
 
 Only the arm's move to its box can be done ahead, while the base still drives. The other activities
-need something that is not yet so. The gripper opens only when the arm has arrived. The arm is
-tucked only when the object is released. The base drives back only with a tucked arm.
+need facts that do not hold yet. The gripper opens only when the arm has arrived. The arm is tucked
+only when the object is released. The base drives back only with a tucked arm.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
@@ -17,7 +17,7 @@ WAITING = "waiting"
 """The state in which the robot waits for an object."""
 
 ARM_COST = 0.3
-"""The cost of an arm move in vain, in units of the gain of an early one that is needed."""
+"""The cost of an arm move in vain. The gain of an early arm move that is needed is 1."""
 
 BASE, ARM, GRIPPER = Agent("base"), Agent("arm"), Agent("gripper")
 

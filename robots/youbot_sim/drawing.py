@@ -30,7 +30,7 @@ def draw(robot: JointReadings, *, is_covered: bool) -> str:
 
 
 def _map(robot: JointReadings, *, is_covered: bool) -> Iterable[str]:
-    """The view from above: the places, the boxes, the robot with its arm."""
+    """Yield the parts of the view from above: the places, the boxes, the robot with its arm."""
     yield '<text x="20" y="24">from above</text>'
     for name, place in POSES["base"].items():
         yield _block("place", place, LENGTH, BREADTH)
@@ -50,7 +50,7 @@ def _map(robot: JointReadings, *, is_covered: bool) -> Iterable[str]:
 
 
 def _block(look: str, place: Joints, length: float, breadth: float) -> str:
-    """A rectangle around a place of the map, by x, y and heading."""
+    """Return a rectangle around a place of the map, by x, y and heading."""
     x, y, heading = place
     corners = ((1, 1), (1, -1), (-1, -1), (-1, 1))
     return MAP.shape(
@@ -59,7 +59,7 @@ def _block(look: str, place: Joints, length: float, breadth: float) -> str:
 
 
 def _side(robot: JointReadings) -> Iterable[str]:
-    """The arm from the side, in the plane in which it leans."""
+    """Yield the parts of the view from the side, in the plane in which the arm leans."""
     joints = [(MOUNT, DECK), *((MOUNT + ahead, up) for ahead, up in chain(robot.arm))]
     yield SIDE.words(f"the arm, object: {robot.object}", (0.0, 0.0), right=-110, down=-396)
     yield SIDE.line("ink", [(-1 / 3, 0.0), (240 / SIDE.scale, 0.0)])

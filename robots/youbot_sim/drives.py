@@ -50,21 +50,21 @@ class Drives:
         return halted
 
     def joints(self, group: Group, now: float) -> Joints:
-        """The wanted joint values."""
+        """Return the wanted joint values."""
         motion, began = self._motion_at(group, now)
         return motion.joints(now - began)
 
     def rates(self, group: Group, now: float) -> Joints:
-        """The wanted joint speeds."""
+        """Return the wanted joint speeds."""
         motion, began = self._motion_at(group, now)
         return motion.rates(now - began)
 
     def is_moving(self, group: Group, now: float) -> bool:
-        """Whether the group's last motion has not ended."""
+        """Return whether the group's last motion has not ended."""
         motion, began = self._motions[group][-1]
         return now - began < motion.seconds
 
     def _motion_at(self, group: Group, now: float) -> tuple[Motion, float]:
-        """The motion at that time, and its start time."""
+        """Return the motion at that time, and its start time."""
         motions = self._motions[group]
         return next((item for item in reversed(motions) if item[1] <= now), motions[0])

@@ -34,7 +34,7 @@ class KinematicManipulator:
         self._readings = JointReadings(base, arm, (gap,), place)
 
     def measured(self) -> JointReadings:
-        """The joints as set by the drives, and the object."""
+        """Return the joints as set by the drives, and the object."""
         return self._readings
 
     def assume(self, readings: JointReadings) -> None:
@@ -59,7 +59,7 @@ class KinematicManipulator:
         """Nothing to free."""
 
     def _landing_place(self, base: Joints, arm: Joints) -> ObjectPlace:
-        """The place to which a released object falls."""
+        """Return the place to which a released object falls."""
         x, y, _ = tip_in_world(base, arm)
         for box in BOXES:
             if box.holds(x, y) and not (box is BOX_B and self._is_covered):

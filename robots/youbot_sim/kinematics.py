@@ -50,7 +50,9 @@ class Grip:
 
 
 def chain(joints: Joints) -> Iterator[tuple[float, float]]:
-    """How far ahead of the arm's axis, and how high, are shoulder, elbow, wrist and fingertips."""
+    """Yield the distance ahead of the arm's axis, and the height, of shoulder, elbow, wrist and
+    fingertips.
+    """
     ahead, up, lean = SHOULDER_AHEAD, SHOULDER_HEIGHT, 0.0
     yield ahead, up
     for length, angle in zip((UPPER, FORE, HAND), joints[1:4], strict=True):
@@ -60,13 +62,13 @@ def chain(joints: Joints) -> Iterator[tuple[float, float]]:
 
 
 def grip_of(joints: Joints) -> Grip:
-    """The pose of the fingertips."""
+    """Return the pose of the fingertips."""
     *_, (reach, height) = chain(joints)
     return Grip(joints[0], reach, height, sum(joints[1:4]))
 
 
 def joints_for(grip: Grip) -> Joints:
-    """The joint angles for a pose, with the elbow up. Raises PoseUnreachable."""
+    """Return the joint angles for a pose, with the elbow up. Raises PoseUnreachable."""
     ahead = grip.reach - SHOULDER_AHEAD - HAND * math.sin(grip.lean)
     up = grip.height - SHOULDER_HEIGHT - HAND * math.cos(grip.lean)
     bend = (ahead * ahead + up * up - UPPER * UPPER - FORE * FORE) / (2 * UPPER * FORE)
@@ -88,7 +90,7 @@ def joints_for(grip: Grip) -> Joints:
 
 
 def tip_in_world(base: Joints, arm: Joints) -> tuple[float, float, float]:
-    """The fingertips in the world, for a base at x, y, heading."""
+    """Return the fingertips in the world, for a base at x, y, heading."""
     grip = grip_of(arm)
     ahead, left = MOUNT + grip.reach * math.cos(grip.azimuth), grip.reach * math.sin(grip.azimuth)
     return *world_place(base[0], base[1], base[2], ahead, left), grip.height

@@ -16,7 +16,7 @@ REST = 1e-9
 
 def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
     """Plan the motion to the goal from the joint values *start*. *rate* is the present speed, in
-    shares of that way per second.
+    shares of the way to the goal per second.
     """
     way = [abs(b - a) for a, b in zip(start, drive.goal, strict=True)]
     if max(way) < REST:
@@ -34,7 +34,7 @@ def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
 
 
 def change_speed(motion: Motion, seconds: float, drive: Drive) -> Motion:
-    """The motion that continues *motion* to the same goal with the speed of *drive*."""
+    """Return the motion that continues *motion* to the same goal with the speed of *drive*."""
     share = motion.share(seconds)
     return plan(
         drive, motion.joints(seconds), motion.rate(seconds) / (1 - share) if share < 1 else 0.0
@@ -42,7 +42,7 @@ def change_speed(motion: Motion, seconds: float, drive: Drive) -> Motion:
 
 
 def halt(motion: Motion, seconds: float, group: Group) -> Motion:
-    """The motion that brings the joints to rest on their way, as quickly as is allowed."""
+    """Return the motion that brings the joints to rest on their way, as quickly as is allowed."""
     rate, start = motion.rate(seconds), motion.joints(seconds)
     if not rate:
         return Motion(start, start, ())
@@ -56,7 +56,7 @@ def halt(motion: Motion, seconds: float, group: Group) -> Motion:
 
 
 def _lowest_limit(way: Iterable[float], limits: Joints) -> float:
-    """The limit of the joint that needs the longest, in shares of the way."""
+    """Return the limit of the joint that needs the longest, in shares of the way."""
     return min(limit / length for length, limit in zip(way, limits, strict=True) if length > REST)
 
 

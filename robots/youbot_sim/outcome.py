@@ -36,7 +36,7 @@ class CarriedObject:
     tasks: tuple[DoneTask, ...]
 
     def with_role(self, role: TaskRole) -> list[DoneTask]:
-        """The tasks that had this role in the end."""
+        """Return the tasks that had this role in the end."""
         return [task for task in self.tasks if task.roles[-1] is role]
 
     @property

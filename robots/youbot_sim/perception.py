@@ -1,6 +1,6 @@
 """Perception: looks into box B, and publishes how sure it is that the box is free.
 
-Its confidence does not change at once: each look moves it half-way to the observed state.
+The confidence does not change at once. Each look moves it half-way to the observed state.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, LOOK
@@ -14,7 +14,7 @@ CERTAIN = 0.05
 
 
 def updated_confidence(confidence: float | None, *, is_free: bool) -> float:
-    """The confidence after a look; *confidence* is None before the first one."""
+    """Return the confidence after a look; *confidence* is None before the first one."""
     seen = float(is_free)
     if confidence is None or abs(seen - confidence) / 2 < CERTAIN:
         return seen

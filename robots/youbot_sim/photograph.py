@@ -22,7 +22,7 @@ FLOOR, WALL = np.array([222.0, 219.0, 211.0]), np.array([243.0, 243.0, 240.0])
 
 
 def camera_at(x: float, y: float, heading: float) -> Camera:
-    """A camera to the right of the robot and a little ahead."""
+    """Return a camera to the right of the robot and a little ahead."""
     around = heading - 0.95
     eye = (x + 0.15 + 1.8 * math.cos(around), y + 1.8 * math.sin(around), 1.0)
     target = (x + 0.2 * math.cos(heading), y + 0.2 * math.sin(heading), 0.2)
@@ -30,7 +30,7 @@ def camera_at(x: float, y: float, heading: float) -> Camera:
 
 
 def sun_over(x: float, y: float) -> Camera:
-    """A camera at the sun. Ground that it does not see lies in shadow."""
+    """Return a camera at the sun. Ground that it does not see lies in shadow."""
     return camera_in_the_sun(SUN, SUN_DISTANCE, (x, y, 0.0), angle=4.5, depth=5.0)
 
 

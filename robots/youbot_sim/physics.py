@@ -74,7 +74,7 @@ class BulletManipulator(BulletWorld):
             self._holder = None
 
     def measured(self) -> JointReadings:
-        """The values of the encoders, and the true place of the object."""
+        """Return the values of the encoders, and the true place of the object."""
         base, arm, fingers = (self._positions(group) for group in GROUPS)
         return JointReadings(base, arm, (sum(fingers),), self._object_place(base, arm))
 
@@ -115,7 +115,7 @@ class BulletManipulator(BulletWorld):
             self._lid = None
 
     def picture(self, path: Path) -> Path:
-        """A photograph from the side and above, as PNG."""
+        """Return a photograph from the side and above, as PNG."""
         x, y, heading = self._positions("base")
         frame = self._render(photograph.camera_at(x, y, heading), RENDERED_SIZE, [self._floor])
         from_sun = self._render(photograph.sun_over(x, y), photograph.SHADOW_SIZE, [self._floor])
@@ -143,7 +143,7 @@ class BulletManipulator(BulletWorld):
         return tuple(state[0] for state in self._engine.getJointStates(self._robot, motors))
 
     def _has_gripped(self) -> bool:
-        """Whether both fingers touch the object."""
+        """Return whether both fingers touch the object."""
         touching = {
             contact[3]
             for contact in self._engine.getContactPoints(self._robot, self._object)
@@ -201,5 +201,5 @@ class BulletManipulator(BulletWorld):
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:
-    """The values of each motor. Each finger has half of the gap."""
+    """Return the values of each motor. Each finger has half of the gap."""
     return [joints[0] / 2] * 2 if group == "gripper" else list(joints)

@@ -35,7 +35,7 @@ class DropBox:
     wall: float = 0.01
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether an object released above this point falls into the box."""
+        """Return whether an object released above this point falls into the box."""
         return max(map(abs, seen_from(self.x, self.y, self.heading, x, y))) < self.size / 2
 
     @property

@@ -22,7 +22,7 @@ class MobileManipulator(Protocol):
         """Let time pass until *now*."""
 
     def measured(self) -> JointReadings:
-        """The joint values and the place of the object."""
+        """Return the joint values and the place of the object."""
 
     def assume(self, readings: JointReadings) -> None:
         """Set a posture at rest, with the object between the fingers if it is held."""

@@ -31,7 +31,9 @@ class Comparison:
     plain: CarriedObject
     preview: CarriedObject
     foreseen: CarriedObject
-    """The delivery with a preview, if box B is from the start as the robot will find it."""
+    """The delivery with a preview and a right prediction: box B is from the start as the robot
+    finds it.
+    """
 
     @property
     def speed_up(self) -> float:
@@ -45,7 +47,7 @@ class Comparison:
 
 
 def random_lid(seed: int) -> Lid:
-    """A lid that is put on and taken off at random times."""
+    """Return a lid that is put on and taken off at random times."""
     dice = random.Random(seed)  # noqa: S311 - not for secrets
     starts_covered, changes, time = dice.random() < 0.5, [], 0.0
     while (time := time + dice.uniform(SHORTEST, LONGEST)) < AT_BOX_B:

@@ -11,7 +11,7 @@ from robots.youbot_sim.vocabulary import Group
 from tca_module import Callback, Module, Task
 
 STEP = 1 / 30
-"""Seconds between two steps of a simulator that needs them."""
+"""Seconds between two steps of a simulator that needs steps between requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Lid:
     starts_covered: bool = False
 
     def is_on(self, passed: float) -> bool:
-        """Whether the lid covers the box *passed* seconds after the object was offered."""
+        """Return whether the lid covers the box *passed* seconds after the object was offered."""
         return self.starts_covered != bool(sum(change <= passed for change in self.changes) % 2)
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ class SimulatedRobot:
         self.robot.offer()
 
     def is_covered(self, now: float) -> bool:
-        """Whether box B is covered."""
+        """Return whether box B is covered."""
         return self._lid.is_on(0.0 if self._offered_at is None else now - self._offered_at)
 
 
@@ -62,7 +62,7 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
     simulator = Module("simulator")
 
     def now(sender: Task | Callback) -> SimulatedRobot:
-        """The robot, advanced to the present time."""
+        """Return the robot, advanced to the present time."""
         simulated.follow(sender.time())
         return simulated
 

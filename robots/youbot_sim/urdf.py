@@ -55,7 +55,7 @@ def _slides() -> str:
 
 
 def _base() -> str:
-    """The base: 580 by 376 by 140 mm, wheels of 100 mm, and the plate for the arm on top."""
+    """Return the base: 580 by 376 by 140 mm, wheels of 100 mm, and the plate for the arm on top."""
     looks = [
         box((0, 0, 0.075), (0.56, 0.22, 0.07), "dark"),
         box((0, 0, 0.105), (0.58, 0.376, 0.02), "orange"),
@@ -75,7 +75,9 @@ def _base() -> str:
 
 
 def _arm() -> str:
-    """The arm's links and joints: one joint turns the arm, three lean it, one turns the hand."""
+    """Return the arm's links and joints: one joint turns the arm, three lean it, one turns the
+    hand.
+    """
     rows = [
         ("base", "arm1_link", (MOUNT, 0.0, SHOULDER_HEIGHT - SHOULDER_RISE), (0, 0, 1)),
         ("arm1_link", "arm2_link", (SHOULDER_AHEAD, 0.0, SHOULDER_RISE), (0, 1, 0)),

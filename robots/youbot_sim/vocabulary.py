@@ -20,7 +20,7 @@ class ObjectPlace(StrEnum):
 
     NOWHERE = "nowhere"
     OFFERED = "offered"
-    """A hand holds it between the fingers, until they have closed."""
+    """A user's hand holds the object between the fingers, until the fingers have closed."""
     HELD = "held"
     BOX_B = "in box B"
     BOX_C = "in box C"
@@ -53,7 +53,7 @@ class JointReadings:
     object: ObjectPlace
 
     def joints(self, group: Group) -> Joints:
-        """The joint values of one group."""
+        """Return the joint values of one group."""
         return {"base": self.base, "arm": self.arm, "gripper": self.gripper}[group]
 
 
@@ -81,25 +81,25 @@ class Motion:
         return sum(phase.seconds for phase in self.phases)
 
     def share(self, seconds: float) -> float:
-        """The share of the way done *seconds* after its start."""
+        """Return the share of the way done *seconds* after its start."""
         return self._share_and_rate(seconds)[0]
 
     def rate(self, seconds: float) -> float:
-        """The speed of the share at that time, per second."""
+        """Return the speed of the share at that time, per second."""
         return self._share_and_rate(seconds)[1]
 
     def joints(self, seconds: float) -> Joints:
-        """The joint values at that time."""
+        """Return the joint values at that time."""
         share = self.share(seconds)
         return tuple(a + share * (b - a) for a, b in zip(self.start, self.goal, strict=True))
 
     def rates(self, seconds: float) -> Joints:
-        """The joint speeds at that time."""
+        """Return the joint speeds at that time."""
         rate = self.rate(seconds)
         return tuple(rate * (b - a) for a, b in zip(self.start, self.goal, strict=True))
 
     def _share_and_rate(self, seconds: float) -> tuple[float, float]:
-        """The share of the way done *seconds* after the start, and its speed."""
+        """Return the share of the way done *seconds* after the start, and its speed."""
         if not self.phases:
             return 1.0, 0.0
         begins = list(accumulate((phase.seconds for phase in self.phases), initial=0.0))

@@ -1,26 +1,27 @@
 """Response-time analysis of processors with fixed priorities, and policies of allocation.
 
-Pure: it depends only on names, periods and execution times.
+Pure: the results depend only on names, periods and execution times.
 
-A processor is schedulable if each tick ends within one period of the processor after it was due.
-The processor's period is the least of its activities. In the worst case all activities are due at
-once. Then a processor is done after its own execution times, and those of all activities of a
-higher priority that are due until then. The bound is the least solution R, up to its period, of
+A processor is schedulable if each tick, from the time when it was due, ends within one period of
+the processor. The processor's period is the least period of its activities. In the worst case all
+activities are due at once. Then the processor must do its own activities. The processor must also
+wait for all activities of a higher priority that become due in the meantime. The bound is the least
+solution R, up to the processor's period, of
 
     R = B + sum of its own execution times
           + sum over activities of higher priority: ceil(R / period) * execution time.
 
 If processors preempt each other at once, B is 0 and the bound is exact. If they switch only between
-activities, B is the longest execution time of a lower priority, which may just have begun. Then the
-bound is safe, but need not be reached. Only execution times count: neither the switching nor other
-programs do.
+activities, B is the longest execution time of an activity of lower priority: it may just have
+begun. Then the bound is safe, but no tick may ever take so long. The bound counts execution times
+only, not the time for switching or for other programs.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-_ROUNDING = 1e-9  # the share of a period that rounding may cause
+_ROUNDING = 1e-9  # the relative error that rounding may cause
 
 
 class Demand(NamedTuple):
@@ -33,19 +34,20 @@ class Demand(NamedTuple):
 
 
 def period(processor: Sequence[Demand]) -> float:
-    """The period of a processor: the least of its activities."""
+    """Return the period of a processor: the least of its activities."""
     return min(activity.period for activity in processor)
 
 
 def utilisation(activities: Sequence[Demand]) -> float:
-    """The share of time that activities need."""
+    """Return the share of time that activities need."""
     return sum(activity.cost / activity.period for activity in activities)
 
 
 def response_bounds(
     processors: Sequence[Sequence[Demand]], *, preemptive: bool = False
 ) -> list[float | None]:
-    """The response-time bound of each processor; None if it may exceed the processor's period.
+    """Return the response-time bound of each processor; None if it may exceed the processor's
+    period.
 
     A processor is given by the demands of its activities. The highest priority comes first.
     """
@@ -60,10 +62,10 @@ def response_bounds(
 def response_bound(
     processor: Sequence[Demand], higher: Sequence[Demand], lower: Sequence[Demand]
 ) -> float | None:
-    """The bound for one processor; None if it may exceed the processor's period.
+    """Return the bound for one processor; None if it may exceed the processor's period.
 
-    *higher* are activities of higher priority, *lower* those of lower priority that can't be
-    preempted.
+    *higher* are the activities of higher priority. *lower* are the activities of lower priority
+    that can't be preempted.
     """
     limit = period(processor) * (1 + _ROUNDING)
     blocking = max((activity.cost for activity in lower), default=0.0)
@@ -83,16 +85,16 @@ def response_bound(
 
 
 def liu_layland(number: int) -> float:
-    """The utilisation up to which a number of processors with rate-monotonic priorities is
-    schedulable.
+    """Return the utilisation up to which *number* processors are schedulable, if their priorities
+    are rate-monotonic.
     """
     return number * (2 ** (1 / number) - 1) if number else 1.0
 
 
 def is_hyperbolic(utilisations: Iterable[float]) -> bool:
-    """Whether processors with these utilisations are schedulable by the hyperbolic bound.
+    """Return whether processors with these utilisations are schedulable by the hyperbolic bound.
 
-    It accepts more than the bound of Liu and Layland.
+    This bound accepts more than the bound of Liu and Layland.
     """
     return math.prod(1 + each for each in utilisations) <= 2
 
@@ -117,13 +119,13 @@ def one_each(activities: Sequence[Demand]) -> Allocation:
 def automatic(activities: Sequence[Demand]) -> Allocation:
     """Allocate the activities to the fewest processors that are schedulable.
 
-    Activities come in rate-monotonic order: the shortest period first. Each joins the processor of
-    the one before it, unless that would not be schedulable any more. An activity that is not
+    Activities come in rate-monotonic order: the shortest period first. Each activity joins the
+    processor of the previous activity, if that processor stays schedulable. An activity that is not
     schedulable alone gets a processor of its own.
 
-    No other division of this order into processors needs fewer. Compare two processors with the
-    same last activity: the one that starts later in the order has no shorter period, and its bound
-    counts the same activities.
+    No other division of this order into processors needs fewer processors. To see why, compare two
+    processors with the same last activity. Both bounds count the same activities. The processor
+    that starts later in the order has the same period or a longer one.
     """
     # The sort is stable: equal periods stay in the order of subscription.
     order = sorted(activities, key=lambda activity: activity.period)

@@ -30,15 +30,16 @@ _PRIORITY = checks.whole("a whole number", -(2**63 - 1))
 
 
 class Application:
-    """Components whose activities are ticked by processors, as a policy or the user allocates them.
+    """Components, and processors that tick their activities. A policy or the user allocates the
+    activities to the processors.
 
-    Its methods can be called from any thread, and all but ``initialise`` from ticks. A change while
-    it runs neither loses a tick nor adds one. With a ``VirtualBaton`` it has no threads, and time
-    passes only in the baton's ``run``.
+    Its methods can be called from any thread, and all but ``initialise`` from ticks. A change of a
+    running application neither loses a tick nor adds one. With a ``VirtualBaton`` the application
+    has no threads, and time passes only in the baton's ``run``.
 
     Args:
         name: The name of the application.
-        components: Its components; others can be added later.
+        components: The components; ``add`` can add others later.
         policy: Allocates the activities to processors: ``one_for_all`` (the default), ``one_each``,
             ``automatic``, or a dictionary of lists of activity names, by processor.
         baton: Runs the schedule; by default in threads.
@@ -82,7 +83,7 @@ class Application:
             component: The component; its name must be new.
 
         Raises:
-            MisuseError: Its name is in use, or that of one of its activities.
+            MisuseError: The name of the component, or of one of its activities, is in use.
             UnsoundMachine: One of its regions can't be run.
         """
         self._add(component)
@@ -114,8 +115,8 @@ class Application:
         return self._baton.is_running
 
     def initialise(self) -> None:
-        """Reset all components to their first states, together. Raises MisuseError while it is
-        running.
+        """Reset all components to their first states, together. Raises MisuseError while the
+        application is running.
         """
         if self.is_running:
             raise MisuseError(f"{self!r} is running: call stop() before initialise()")
@@ -136,7 +137,9 @@ class Application:
         self._notify()
 
     def stop(self) -> None:
-        """Stop ticking, and wait for a tick that is running, unless that tick calls this itself."""
+        """Stop ticking, and wait for the end of a running tick. If that tick calls ``stop`` itself,
+        do not wait.
+        """
         if self.is_running:
             self._stopped_at = self._baton.clock()
         self._baton.stop()
@@ -160,12 +163,12 @@ class Application:
         return list(self._baton.schedule.activities)
 
     def allocate(self, policy: Policy | Mapping[str, Sequence[str]]) -> None:
-        """Allocate all activities to processors.
+        """Allocate all activities to processors. All processors get priority 0.
 
         Args:
             policy: A policy such as ``one_each``; or a dictionary of lists of activity names, by
                 processor, each list in order of subscription. ``automatic`` needs an execution time
-                of each activity, declared, or measured in an earlier run.
+                of each activity: a declared one, or one measured in an earlier run.
 
         Raises:
             MisuseError: An activity is missing, unknown, allocated twice, or lacks an execution
@@ -175,7 +178,7 @@ class Application:
         _check_complete(allocation, self._baton.schedule)
         prepared = self._baton.prepare(allocation)
         with self._baton.changing() as schedule:
-            _check_complete(allocation, schedule)  # activities may have been added since
+            _check_complete(allocation, schedule)  # others may be added by now
             now = self._baton.clock()
             processors = [
                 schedule.processor(name) or prepared.get(name) or Processor(name, now)
@@ -199,7 +202,8 @@ class Application:
         Args:
             activity: The name of the activity.
             processor: The name of an existing or a new processor.
-            position: The place in its order of subscription, from 0; None: the last.
+            position: The activity's place in the processor's order of subscription, from 0; None:
+                the last.
 
         Raises:
             MisuseError: There is no such activity, or an argument does not fit.
@@ -217,15 +221,18 @@ class Application:
             )
 
     def remove(self, activity: str) -> None:
-        """Remove an activity from its processor. It is not ticked until it is moved to another."""
+        """Remove an activity from its processor. The activity is not ticked until ``move`` puts it
+        on a processor.
+        """
         with self._changing_by_hand() as schedule:
             schedule.unassign(schedule.activity(activity))
 
     def set_period(self, activity: str, seconds: float) -> None:
         """Change the period of an activity, in seconds.
 
-        It counts from the last tick. A tick that is due stays due. Raises MisuseError if there is
-        no such activity, or if the period is shorter than its execution time.
+        The new period counts from the last tick. A tick that is due stays due. Raises MisuseError
+        if there is no such activity, or if the period is shorter than the activity's declared
+        execution time.
         """
         with self._baton.changing() as schedule:
             schedule.set_period(schedule.activity(activity), seconds, self._baton.clock())
@@ -234,8 +241,8 @@ class Application:
     def set_priority(self, processor: str, priority: int) -> None:
         """Set the priority of a processor; the higher one goes first.
 
-        All start with 0. Among equal priorities the shorter period goes first. Raises MisuseError
-        if there is no such processor.
+        All processors start with priority 0. Among equal priorities the shorter period goes first.
+        Raises MisuseError if there is no such processor.
         """
         check("set_priority()", _PRIORITY, priority=priority)
         with self._changing_by_hand() as schedule:
@@ -246,13 +253,13 @@ class Application:
     def on_change(self, function: Callable[[], object]) -> None:
         """Call a function after each change of the allocation, and after start and stop.
 
-        It is called in the thread that makes the change.
+        The function is called in the thread that makes the change.
         """
         self._change_observers.append(function)
 
     def on_add(self, function: Callable[[Component[Any]], object]) -> None:
-        """Call a function with each present component now, and with each new one before it is
-        ticked.
+        """Call a function with each present component now, and with each later component before its
+        first tick.
         """
         self._add_observers.append(function)
         for component in self.components.values():
@@ -261,12 +268,12 @@ class Application:
     # --- reports ----------------------------------------------------------------------------------
 
     def allocation(self) -> AllocationReport:
-        """The present allocation of the activities."""
+        """Return the present allocation of the activities."""
         with self._baton.lock:
             return allocation_report(self.name, self.policy, self.is_running, self._baton.schedule)
 
     def figures(self) -> ApplicationFigures:
-        """The measured figures, and the results of the analysis."""
+        """Return the measured figures, and the results of the analysis."""
         with self._baton.lock:
             now = self._baton.clock()
             running_for = (now if self.is_running else self._stopped_at) - self._started_at
@@ -276,7 +283,9 @@ class Application:
 
     @contextmanager
     def _changing_by_hand(self) -> Iterator[Schedule]:
-        """A block that changes the schedule by hand: no policy determines the allocation then."""
+        """A block that changes the schedule by hand. After the block, no policy determines the
+        allocation.
+        """
         with self._baton.changing() as schedule:
             yield schedule
             self.policy = BY_HAND
@@ -300,7 +309,9 @@ class Application:
 
 
 def _checked_shape(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
-    """The allocation as a dictionary of lists. Raises MisuseError if it has another shape."""
+    """Return the allocation as a dictionary of lists. Raises MisuseError if it has another
+    shape.
+    """
     try:
         return msgspec.convert(allocation, _Allocation)
     except msgspec.ValidationError as error:

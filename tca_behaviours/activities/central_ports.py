@@ -1,4 +1,6 @@
-"""Connects ports with central's messages, by which components talk to other programs of a robot."""
+"""Connects ports with central's messages. Through them, components talk to the robot's other
+programs.
+"""
 
 from collections import deque
 from typing import Any, TypeVar
@@ -25,7 +27,7 @@ _MAX_WAITING = 1000
 def receive(
     module: Module, message: Inform[T] | Broadcast[T] | Variable[T], port: InputPort[T]
 ) -> None:
-    """Connect a message with an input port: its data arrive there.
+    """Connect a message with an input port, so that the message's data arrive at the port.
 
     Args:
         module: The module that handles the message.
@@ -49,12 +51,12 @@ def publish(
     *,
     period: float = 0.05,
 ) -> None:
-    """Connect an output port with a message: its values are sent.
+    """Connect an output port with a message, so that the port's values are sent.
 
     The module sends them once a period, so that no tick waits for central. For a variable it sends
     only the newest value. Up to 1000 values wait while the module does not run. While central is
-    away, the newest value of a variable waits. Informs and broadcasts are lost then, and the module
-    logs that.
+    away, the newest value of a variable waits. Informs and broadcasts of that time are lost, and
+    the module logs the loss.
 
     Args:
         module: The module that sends the message.

@@ -14,14 +14,14 @@ from tca_behaviours.activities.processing.schedule import Processor, Schedule, S
 from tca_wire.text.measures import duration
 
 _RECENT, _RECENT_PERIODS = 10.0, 100
-"""How long a late tick overrules the analysis, in seconds and in periods: the longer time counts.
+"""A late tick overrules the analysis for 10 s, or for 100 periods if those are longer.
 """
 
 
 def allocation_report(
     application: str, policy: str, is_running: bool, schedule: Schedule
 ) -> reports.AllocationReport:
-    """The allocation of the activities."""
+    """Return the allocation of the activities."""
     processors = [
         reports.ProcessorEntry(
             processor.name,
@@ -40,7 +40,7 @@ def allocation_report(
 def application_figures(
     application: str, running_for: float, now: float, schedule: Schedule
 ) -> reports.ApplicationFigures:
-    """The measurements, and the results of the analysis."""
+    """Return the measurements, and the results of the analysis."""
     found = [_demands(processor.activities) for processor in schedule.processors]
     demands = [each for each in found if each is not None]
     is_known = len(demands) == len(found)
@@ -66,7 +66,7 @@ def application_figures(
 
 
 def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
-    """The demands of activities; None while an execution time is unknown."""
+    """Return the demands of activities; None while an execution time is unknown."""
     demands = [
         Demand(each.name, each.period, each.cost) for each in activities if each.cost is not None
     ]
@@ -98,7 +98,9 @@ def _activity_figures(activity: ScheduledActivity) -> reports.ActivityFigures:
 def _processor_figures(
     schedule: Schedule, processor: Processor, bound: float | None, is_known: bool, now: float
 ) -> reports.ProcessorFigures:
-    """The figures of a processor. A recent late tick overrules the verdict of the analysis."""
+    """Return the figures of a processor. A recent late tick overrules the verdict of the
+    analysis.
+    """
     verdict = bound is not None if is_known else None
     last_late, refuted, limit = None, "", bound or processor.period
     if late := schedule.last_late(processor, limit, now):

@@ -12,7 +12,7 @@ class ActivityEntry(msgspec.Struct, frozen=True):
     component: str
     period: float
     estimate: float | None
-    """Its longest execution time, as declared."""
+    """The declared longest execution time; None if none was declared."""
 
 
 class ProcessorEntry(msgspec.Struct, frozen=True):
@@ -20,7 +20,9 @@ class ProcessorEntry(msgspec.Struct, frozen=True):
 
     name: str
     priority: int
-    """The higher one goes first; among equal ones the shorter period."""
+    """The processor with the higher priority goes first. Among equal priorities the shorter period
+    does.
+    """
     period: float
     """The least period of its activities."""
     activities: list[ActivityEntry]
@@ -43,9 +45,11 @@ class ActivityFigures(msgspec.Struct, frozen=True):
     name: str
     ticks: int
     overruns: int
-    """The number of ticks that ended after the next was due."""
+    """The number of ticks that ended after the next tick was due."""
     left_out: int
-    """How often it was due and not ticked: the tick before had not begun, or took too long."""
+    """How often the activity was due and not ticked, because the tick before had not begun or took
+    too long.
+    """
     errors: int
     """The number of ticks that raised an exception."""
     error: str
@@ -73,20 +77,22 @@ class ProcessorFigures(msgspec.Struct, frozen=True):
     response: float
     jitter: float
     overruns: int
-    """Ticks that ended later than one period of the processor after they were due."""
+    """The number of ticks that took more than one period of the processor, from due to done."""
     bound: float | None
-    """The bound of the response time. None, too, if it exceeds the period."""
+    """The bound of the response time. Also None if the bound exceeds the period."""
     margin: float | None
     """The period less the bound."""
     is_schedulable: bool | None
     """The verdict of the analysis, unless a recent tick has refuted it."""
     refuted: str = ""
-    """The tick of the last 10 s, or 100 periods, that exceeded the bound, or else the period.
+    """A text about the last tick whose response time exceeded the bound. Without a bound, the
+    period counts.
 
-    "" if there was none.
+    "" if no such tick ended in the last 10 s or 100 periods, or if the analysis itself says "not
+    schedulable".
     """
     last_late: float | None = None
-    """Seconds since the last late tick, however long ago; None: there was none."""
+    """The seconds since the last late tick, which may be any time ago; None: no tick was late."""
 
 
 class ApplicationFigures(msgspec.Struct, frozen=True):
@@ -101,11 +107,15 @@ class ApplicationFigures(msgspec.Struct, frozen=True):
     liu_layland: float
     """The utilisation up to which preemptive, rate-monotonic processors are schedulable."""
     is_hyperbolic: bool | None
-    """Whether they are schedulable by the hyperbolic bound, which accepts more."""
+    """Whether the processors are schedulable by the hyperbolic bound, which accepts more than
+    ``liu_layland``.
+    """
     is_schedulable: bool | None
     processors: list[ProcessorFigures]
     activities: list[ActivityFigures]
     held_by: str = ""
-    """The activity whose tick has run for over a second: until its end, nothing else is ticked."""
+    """The activity whose tick has run for over a second. Until the end of that tick, no other
+    activity is ticked.
+    """
     refuted: str = ""
     """The first processor whose analysis a measurement has refuted, with the reason."""

@@ -47,7 +47,7 @@ def count_transitions(
 
 
 def _reports(entries: Iterable[Entry]) -> Iterator[tuple[MachineChart, CoordinationReport]]:
-    """The reports of the coordinators in a journal, each with the chart of its machine."""
+    """Yield the reports of the coordinators in a journal, each with the chart of its machine."""
     formats: dict[str, str] = {}
     charts: dict[int, MachineChart] = {}
     for entry in entries:

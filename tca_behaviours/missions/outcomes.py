@@ -8,8 +8,8 @@ from tca_module import Failure
 
 
 class Status(IntEnum):
-    """The status of a run. Its end carries the mask TERMINATED beside the status: ``code &
-    TERMINATED``.
+    """The status of a run. The code of an end is a status with the mask TERMINATED: test it with
+    ``code & TERMINATED``.
     """
 
     NEWBORN = 0
@@ -26,7 +26,7 @@ class Status(IntEnum):
 
     @classmethod
     def of(cls, code: int) -> "Status":
-        """The status in a code, without the mask TERMINATED."""
+        """Return the status in a code, without the mask TERMINATED."""
         return cls(code & ~cls.TERMINATED) if code != cls.TERMINATED else cls.TERMINATED
 
 
@@ -76,5 +76,5 @@ _STATUS_OF_FAILURE = {
 
 
 def status_of(failure: str) -> Status:
-    """The status of a run that ended with the failure of that name."""
+    """Return the status of a run that ended with the failure of that name."""
     return _STATUS_OF_FAILURE.get(failure, Status.FAILED)

@@ -40,7 +40,8 @@ class LibraryChart(Generic[S]):
     def begin(self) -> None:
         """Enter the first states.
 
-        A chart that has ended is recreated. One that has not is reset, which is ten times as fast.
+        A chart that has ended is recreated. A chart that has not ended is reset, which is ten times
+        as fast.
         """
         if self._chart is None or self._chart.is_terminated:
             self._chart = self._class()
@@ -71,16 +72,17 @@ def _in_document_order(states: Any) -> Iterator[Any]:
 
 
 class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
-    """Runs a machine of events. A leaf is an atomic state, a compound a compound state of the
-    library.
+    """Runs a machine of events. A leaf becomes an atomic state of the library, a compound becomes a
+    compound state.
 
-    An event runs to completion: it may end a compound, and that in turn the compound around it.
+    An event is processed to completion. For example, the event may end a compound, and so also the
+    compound around it.
     """
 
     def __init__(self, states: Sequence[S]) -> None:
         super().__init__(states)
         events = dict.fromkeys(arrow.event for state in states for arrow in state.arrows)
-        # The library allows only some names of events; the user's may be any.
+        # The user may give events any names, but the library allows only some: number them.
         self._events = {event: f"e{number}" for number, event in enumerate(events)}
         self._situation: Any = None
         self._taken: list[A] = []

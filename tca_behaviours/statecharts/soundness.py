@@ -12,7 +12,8 @@ T = TypeVar("T")
 
 
 def arrows_of(leaf: State[Any, A]) -> list[A]:
-    """The arrows by which a leaf may be left, its own first, then those of the compounds around it.
+    """Return the arrows that may lead out of a leaf: its own, then those of the compounds around
+    it.
 
     A final state inside a compound is left only by the end of the compound.
     """
@@ -57,7 +58,7 @@ def check_arrows(states: Sequence[State[Any, A]]) -> None:
 
 
 def all_reached(first: T, successors: Callable[[T], Iterable[T]]) -> set[T]:
-    """All items that are reached from the first, itself included."""
+    """Return all items that can be reached from *first*. *first* is one of them."""
     reached, todo = {first}, [first]
     while todo:
         new = set(successors(todo.pop())) - reached
@@ -87,5 +88,5 @@ def check_no_cycle(successors: Mapping[T, Iterable[T]]) -> None:
 
 
 def named(states: Iterable[object]) -> str:
-    """The states in a sentence: "'a', 'b' and 'c'"."""
+    """Return the states in a sentence: "'a', 'b' and 'c'"."""
     return listed(list(map(repr, states)))

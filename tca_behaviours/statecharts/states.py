@@ -20,7 +20,7 @@ class UnsoundMachine(MisuseError):
 
 
 def name_of(function: Callable[..., object]) -> str:
-    """The name of a guard or step, for texts."""
+    """Return the name of a guard or step, for texts."""
     return getattr(function, "__name__", type(function).__name__)
 
 
@@ -56,21 +56,21 @@ class State(Generic[S, A]):
         return arrow
 
     def lines(self) -> Iterator[str]:
-        """The lines that describe the state in a picture."""
+        """Yield the lines that describe the state in a picture."""
         yield from ()
 
     def chart_state(self) -> ChartState:
-        """The state as data, once the states are numbered."""
+        """Return the state as data, once the states are numbered."""
         parent = self.parent.number if self.parent is not None else -1
         return ChartState(self.label, self.kind, parent, lines=list(self.lines()))
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of this state, as data."""
+        """Yield the transitions that lead out of this state, as data."""
         for arrow in self.arrows:
             yield ChartArrow(self.number, arrow.target.number, arrow.symbol)
 
     def containers(self) -> Iterator[S]:
-        """The containers around this state, innermost first."""
+        """Yield the containers around this state, innermost first."""
         state = self.parent
         while state is not None:
             yield state
@@ -92,7 +92,9 @@ class State(Generic[S, A]):
 
     @property
     def leaf(self) -> S:
-        """The innermost state that is entered with it: each container enters its first state."""
+        """The leaf that is entered with this state, because each container enters its first
+        state.
+        """
         state = cast("S", self)
         while state.children:
             state = state.children[0]
@@ -100,7 +102,7 @@ class State(Generic[S, A]):
 
 
 class Arrow(Generic[S]):
-    """A transition from one state to another, which may be given by its label."""
+    """A transition from a source state to a target state. The target may be given by its label."""
 
     def __init__(
         self, source: S, target: S | str, event: str, conditions: tuple[str, ...] = ()
@@ -110,17 +112,17 @@ class Arrow(Generic[S]):
         self.event = event
         self.conditions = conditions
         self.symbol = f"{event} [{', '.join(conditions)}]".lstrip() if conditions else event
-        """Its event, with the further conditions in brackets."""
+        """The event, with the further conditions in brackets."""
         self._given_target = target
         if not isinstance(target, State | str):
             raise MisuseError(
                 f"{source!r}: a transition leads to a state or its label, not {target!r:.60}"
             )
         self.target: S
-        """The state that it leads to, once the machine is built."""
+        """The state that the arrow leads to, once the machine is built."""
 
     def __repr__(self) -> str:
-        """The transition as it is written."""
+        """Return the transition as it is written."""
         return f"{self.source!r}.to({self.label!r}, on='{self.event}')"
 
     @property
@@ -132,26 +134,26 @@ class Arrow(Generic[S]):
 
     @property
     def key(self) -> object:
-        """Its event and conditions: of two arrows of one state with one key, the second is never
-        taken.
+        """The event and conditions of the arrow. If two arrows of a state have the same key, the
+        second is never taken.
         """
         return self.symbol
 
     @property
     def is_inherited(self) -> bool:
-        """Whether it also leads out of the states inside its source. False if it waits for the end
-        of a compound.
+        """Whether the arrow also leads out of the states inside its source. False for an arrow that
+        waits for the end of a compound.
         """
         return True
 
     @cached_property
     def shared_containers(self) -> frozenset[S]:
-        """The containers around both source and target, which stay active."""
+        """The containers that are around both source and target. They stay active."""
         both = frozenset(self.source.containers()) & frozenset(self.target.containers())
         return both - {self.source, self.target}
 
     def holds(self, _situation: Any = None) -> bool:
-        """Whether its guard allows it in the present situation."""
+        """Return whether the guard allows the transition in the present situation."""
         return True
 
     def resolve(self, labelled: dict[str, S]) -> None:
@@ -165,12 +167,12 @@ class Arrow(Generic[S]):
         self.target = target
 
     def is_hidden_by(self, other: "Arrow[S]") -> bool:
-        """Whether it is never taken if *other* comes first."""
+        """Return whether this arrow is never taken if *other* comes first."""
         return self.event == other.event and (not other.conditions or self.key == other.key)
 
 
 def chart_of(name: str, states: Sequence[State[Any, Any]]) -> MachineChart:
-    """The machine as data. Numbers its states by their places."""
+    """Return the machine as data. Numbers its states by their places."""
     for number, state in enumerate(states):
         state.number = number
     arrows = [arrow for state in states for arrow in state.chart_arrows()]

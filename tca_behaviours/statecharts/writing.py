@@ -67,7 +67,7 @@ class BlockMachine(ABC, Generic[B]):
             self._build()
 
     def _container_for(self, label: object) -> B:
-        """The container that gets a new state of this label. Raises MisuseError."""
+        """Return the container that gets a new state of this label. Raises MisuseError."""
         if not self.root.open_blocks:
             raise MisuseError(f"{self!r}: write its states inside its with block")
         check(self, LABEL, label=label)
@@ -113,7 +113,7 @@ class BlockMachine(ABC, Generic[B]):
             raise MisuseError(error.message) from None
 
     def _numbered(self) -> list[B]:
-        """The states in the order of their numbers."""
+        """Return the states in the order of their numbers."""
         return list(self.root.all())
 
     @abstractmethod

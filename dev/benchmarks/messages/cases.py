@@ -13,7 +13,7 @@ _MOST = 5000
 
 
 class Kind(Enum):
-    """The kind of a figure, and so the meaning of what the contestant's method returns."""
+    """The kind of a figure. It decides what the contestant's method returns."""
 
     TIME = "time"  # the seconds of each message
     RATE = "rate"  # nothing: the method is timed, for messages per second
@@ -60,7 +60,9 @@ class Entry:
 
 @dataclass(frozen=True)
 class Stage:
-    """Cases of the same contestants, which take turns or run one at a time (*is_sequential*)."""
+    """Cases with the same contestants. The contestants take turns. With *is_sequential* each runs
+    alone.
+    """
 
     title: str
     cases: tuple[Case, ...]

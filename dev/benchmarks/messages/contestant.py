@@ -1,4 +1,7 @@
-"""A contestant: one way to move messages or run tasks. It is the client, and starts all else."""
+"""A contestant: one way to move messages or run tasks.
+
+A contestant is the client, and starts all other processes.
+"""
 
 import time
 from abc import ABC, abstractmethod
@@ -10,7 +13,7 @@ from tempfile import TemporaryDirectory
 from dev.benchmarks.messages.processes import Children
 
 OPEN = 100
-"""The number of exchanges that are open at a time, where there are many."""
+"""The number of exchanges that are open at a time, in the cases with many open ones."""
 LISTENERS = 10
 """The receivers of a broadcast: ten connections of one process."""
 ECHO, COUNT, MARK = b"e", b"c", b"m"
@@ -39,7 +42,7 @@ def check_arrived(sent: int, *arrived: int) -> None:
 
 
 class Contestant(ABC):
-    """A contestant. It is measured only in the cases whose methods it overrides."""
+    """A contestant, which is measured only in the cases whose methods it overrides."""
 
     def __init__(self) -> None:
         self.children = Children()
@@ -85,7 +88,7 @@ class Contestant(ABC):
         raise NotImplementedError
 
     def commands_open(self, number: int) -> None:
-        """Run such commands, ``OPEN`` at a time."""
+        """Run commands as ``commands`` does, but ``OPEN`` at a time."""
         raise NotImplementedError
 
     def goals(self, number: int) -> list[float]:

@@ -1,6 +1,6 @@
 """A contestant in a process of its own, and its measurements there.
 
-All that a contestant starts ends with its driver, even if that is killed.
+All processes that a contestant starts end with its driver, even if the driver is killed.
 """
 
 import contextlib
@@ -20,10 +20,14 @@ _STARTED_WITHIN = 60.0
 _ANSWERED_WITHIN = 300.0
 _ENDED_WITHIN = 10.0
 _PART = 0.2
-"""The part of a measurement's time that a call should take: until then, calls grow."""
+"""The share of a measurement's time that a call should take. After a shorter call, the next call
+gets more messages.
+"""
 
 Figures = tuple[float, float | None]
-"""A measurement: the median of times, the rate or the number; of times also the 99th percentile."""
+"""A measurement: the median of times, the rate or the number. The second figure is the 99th
+percentile of times; otherwise None.
+"""
 
 
 class Driver:
@@ -40,7 +44,7 @@ class Driver:
         remote_end.close()
 
     def start(self) -> None:
-        """Return when it can be measured. Raises Broken."""
+        """Wait until the contestant can be measured. Raises Broken."""
         self._receive(_STARTED_WITHIN)
 
     def measure(self, case: Case, seconds: float) -> Figures | None:
@@ -125,7 +129,7 @@ def _figures(contestant: Contestant, case: Case, seconds: float) -> Figures | No
 def _rate(act: Any, case: Case, seconds: float) -> float:
     """Return the number per second.
 
-    Calls grow, so that the last message's way back counts for little.
+    Later calls send more messages, so that the way back of the last message counts for little.
     """
     number, done, total = case.number, 0, 0.0
     while total < seconds:

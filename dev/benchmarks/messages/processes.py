@@ -1,4 +1,4 @@
-"""The processes that a contestant starts: they end with it, whatever happens."""
+"""The processes that a contestant starts. They end with the contestant, whatever happens."""
 
 import itertools
 import os

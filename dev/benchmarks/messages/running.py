@@ -54,7 +54,9 @@ def _is_importable(name: str) -> bool:
 def run(
     stages: Iterable[Stage], rounds: int, seconds: float, log: Callable[[str], None]
 ) -> Results:
-    """Measure all cases, for *seconds* each time. It names contestants that can't take part."""
+    """Measure all cases, for *seconds* each time. The log and the results name contestants that
+    can't take part.
+    """
     results = Results(log)
     for stage in stages:
         entries = [entry for entry in stage.entries if _takes_part(entry, results)]

@@ -20,7 +20,9 @@ layer = make_layer("stability")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Tap the handling of the moves, not their achievement: a retried move is checked again."""
+    """Tap the handling of the moves, not their achievement, so that a retried move is checked
+    again.
+    """
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, STABILITY_CHECK)
     module.tap(Condition.BEFORE_HANDLING, MOVE_BODY, STABILITY_CHECK)
     module.on_failure(UNSTABLE_MOVE, PLAN_OTHERWISE, of=TAKE_STEPS, maximum=1)

@@ -1,7 +1,7 @@
 """The layer against tipping over.
 
-A move that was stopped because the body tilts is retried when the body is level, or planned
-otherwise. No move begins while a leg that should stand bears no load.
+A tilting body stops a move. The move is retried when the body is level, or is planned in another
+way. No move begins while a leg that should stand bears no load.
 """
 
 import math
@@ -33,7 +33,7 @@ layer = make_layer("tip over")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Tap the moves. A move that tilted the robot twice is not tried a third time."""
+    """Tap the moves. A move that tilts the robot is retried twice at most."""
     for move in (MOVE_LEG, MOVE_BODY):
         module.tap(Condition.BEFORE_HANDLING, move, SUPPORT_CHECK)
         module.on_failure(TIP_OVER_RISK, STEADY, of=move, maximum=2)
@@ -68,12 +68,12 @@ def support_check(task: Task) -> None:
 
 
 def hanging_legs(readings: Readings) -> list[int]:
-    """The legs that bear no load."""
+    """Return the legs that bear no load."""
     return [leg for leg, load in enumerate(readings.loads) if load < LEAST_LOAD]
 
 
 def tilt(readings: Readings) -> float:
-    """The inclination (rad) of the body."""
+    """Return the inclination (rad) of the body."""
     return math.hypot(readings.roll, readings.pitch)
 
 

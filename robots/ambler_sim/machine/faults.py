@@ -2,8 +2,8 @@
 effects.
 
 This module wraps a plant: commands and measurements pass through it. A fault is armed first and
-begins when it can. Faults of the scanner begin at once, faults of the machine and soft ground after
-a move, a rock before a move.
+begins when it can. Faults of the scanner begin at once. Faults of the machine and soft ground begin
+after a move. A rock appears before a move.
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ HIGHEST_ROCK = 1.0
 """The greatest height (m) of a rock above the ground around it."""
 
 LEAST_MARGIN_OF_OTHERS = 0.5
-"""The least support margin (m) without the legs whose ground gives way; with less the robot would
-rock.
+"""The least support margin (m) without the legs whose ground gives way. With a smaller margin the
+robot would rock.
 """
 
 
@@ -67,8 +67,8 @@ class FaultyPlant:
             self._begin(fault)
 
     def before_swing(self, leg: int, swing: Segment, terrain: Terrain) -> None:
-        """Begin an armed rock if there is room: it stands in a lifted foot's way and rises above
-        it.
+        """Begin an armed rock if there is room. The rock stands in the way of a lifted foot, and is
+        higher than that way.
         """
         for fault in self._armed_of(ROCK)[:1]:
             joints = self.plant.joints()
@@ -92,7 +92,7 @@ class FaultyPlant:
         return begun
 
     def has(self, kind: str, leg: int) -> bool:
-        """Whether a leg has a present fault of this kind."""
+        """Return whether a leg has a present fault of this kind."""
         return any(fault.kind == kind and fault.leg == leg for fault in self.faults)
 
     def clear(self, leg: int, *kinds: str, operator: bool = False) -> bool:
@@ -103,11 +103,13 @@ class FaultyPlant:
         return not remaining
 
     def amplifiers(self) -> tuple[bool, ...]:
-        """Which legs' amplifiers are on."""
+        """Return which legs' amplifiers are on."""
         return tuple(not self.has("amplifier trip", leg) for leg in LEGS)
 
     def encoder_offsets(self) -> tuple[float, ...]:
-        """By how much (m) each leg's relative encoder is off its absolute one."""
+        """Return the error (m) of each leg's relative encoder, compared with the absolute
+        encoder.
+        """
         drifts = {
             fault.leg: fault.size or DRIFT
             for fault in reversed(self.faults)
@@ -127,12 +129,12 @@ class FaultyPlant:
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
-        """The joint values, as the relative encoders measure them."""
+        """Return the joint values, as the relative encoders measure them."""
         joints: Array = self.plant.joints() + self._offsets()
         return joints
 
     def loads(self) -> Array:
-        """The loads on the feet; NaN from a broken force sensor."""
+        """Return the loads on the feet; NaN from a broken force sensor."""
         loads = self.plant.loads()
         for fault in self.faults:
             if fault.kind == "force sensor":
@@ -161,8 +163,8 @@ class FaultyPlant:
         self._begun.append(fault)
 
     def _begin_soft_spot(self, fault: Fault) -> bool:
-        """Let the ground fall in under the fault's leg, or under the next one that the robot can
-        stand without. Returns False if there is none.
+        """Let the ground fall in under the fault's leg. If the robot can't stand without that leg,
+        take the next leg that it can spare. Returns False if there is none.
         """
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
@@ -178,13 +180,13 @@ class FaultyPlant:
         return False
 
     def _stance(self, joints: Array | None = None) -> Stance:
-        """The true stance; with *joints*, the stance that these joints would give."""
+        """Return the true stance; with *joints*, the stance that these joints would give."""
         return stance_of(
             self.plant.attitude().pose, self.plant.joints() if joints is None else joints
         )
 
     def _mobility(self) -> Array:
-        """The share of its speed that each leg retains, (6, 1)."""
+        """Return the share of its speed that each leg retains, (6, 1)."""
         shares = np.ones(len(LEGS))
         for leg in LEGS:
             if self.has("amplifier trip", leg) or self.has("stuck joint", leg):

@@ -1,8 +1,9 @@
-"""The ground as bodies of the physics engine: rocks, and tiles around the robot that are moved
-along as it walks.
+"""The ground as bodies of the physics engine: rocks, and tiles around the robot.
 
-The engine never frees the memory of a height field. So a tile is not removed: its heights are
-replaced.
+The tiles are moved along as the robot walks.
+
+The engine never frees the memory of a height field. So a tile is never removed. Its heights are
+replaced instead.
 """
 
 from collections import deque
@@ -26,7 +27,7 @@ DEEPEST = 300.0
 """How far (m) ground may be above or below the start."""
 
 AWAY = -1000
-"""The place of spare tiles, in tiles."""
+"""The row and column of spare tiles, far away from the robot."""
 
 FRICTION = 1.0
 UNSEEN = 64
@@ -88,7 +89,7 @@ class GroundBodies:
         size = TILE * RESOLUTION
         corners = {(int((x + i) // size), int((y + j) // size)) for i in (-1, 1) for j in (-1, 1)}
         for place in sorted(corners & set(self._tiles)):
-            # If the old tile got new heights where it is, the feet would stay on its old heights.
+            # If the old tile got new heights where it is, the feet would stay on the old heights.
             old_tile = self._tiles[place]
             self._cover(place)
             self._retire(old_tile)
@@ -106,7 +107,7 @@ class GroundBodies:
         self._tiles[place] = tile
 
     def _make_tile(self) -> Tile:
-        """Make a flat tile with one peak and one pit, at the greatest heights of any ground.
+        """Make a flat tile with one peak and one pit, as high and as deep as any ground may be.
 
         The engine searches for contacts only within the range of a tile's first heights.
         """

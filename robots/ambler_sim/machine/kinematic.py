@@ -62,15 +62,15 @@ class KinematicPlant(Plant):
         self._anchors[free] = to_world(self._pose, feet)[free, :2]
 
     def joints(self) -> Array:
-        """The commanded joint values."""
+        """Return the commanded joint values."""
         return self._joints.copy()
 
     def loads(self) -> Array:
-        """The spring forces."""
+        """Return the spring forces."""
         return self._loads.copy()
 
     def pushes(self) -> Array:
-        """The forces of rocks on the feet, as if rocks were as stiff as feet."""
+        """Return the forces of rocks on the feet, as if rocks were as stiff as feet."""
         feet = to_world(self._pose, feet_of(self._joints))
         pushes = np.zeros(len(feet))
         for rock in self._terrain.rocks:
@@ -81,7 +81,7 @@ class KinematicPlant(Plant):
         return pushes
 
     def bumps(self) -> Array:
-        """The forces of rocks on links and body, as if rocks were as stiff as feet."""
+        """Return the forces of rocks on links and body, as if rocks were as stiff as feet."""
         rocks = [
             rock
             for rock in self._terrain.rocks
@@ -95,7 +95,7 @@ class KinematicPlant(Plant):
         return AMBLER.foot_stiffness * depths.clip(min=0.0)
 
     def attitude(self) -> Attitude:
-        """The pose in equilibrium."""
+        """Return the pose in equilibrium."""
         return Attitude(self._pose, self._roll, self._pitch)
 
     def close(self) -> None:
@@ -144,7 +144,9 @@ class KinematicPlant(Plant):
 
 
 def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
-    """How deep (m) each leg's beams are in the nearest rock that reaches them (body frame)."""
+    """Return how deep (m) each leg's beams are in the nearest rock that reaches them (body
+    frame).
+    """
     depths = []
     for leg, (angle, reach, _) in enumerate(joints):
         along = np.array([math.cos(angle), math.sin(angle)])
@@ -158,7 +160,7 @@ def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
 
 
 def _into_body(tops: Array, radii: Array) -> float:
-    """How deep (m) the body is in the nearest rock that reaches up to it."""
+    """Return how deep (m) the body is in the nearest rock that reaches up to it."""
     half = np.array([AMBLER.body_length / 2, AMBLER.shaft_offset + AMBLER.body_length / 4])
     outside = (np.abs(tops[:, :2]) - half).clip(min=0.0)
     return float(np.where(tops[:, 2] > -AMBLER.belly, radii - np.hypot(*outside.T), 0.0).max())

@@ -26,9 +26,9 @@ def make_robot(
     """Make a robot that stands at *start* on new ground, or where the snapshot *state* left it.
 
     Args:
-        backend: "auto" takes the backend of *state* or, without *state*, PyBullet; but the
-            kinematic backend if PyBullet is needed and not installed.
-        terrain: the ground; ignored with *state*, which has its own.
+        backend: "auto" takes the backend of *state*. Without *state* it takes PyBullet. If PyBullet
+            is not installed, it takes the kinematic backend instead.
+        terrain: the ground; ignored with *state*, which contains the ground.
         pace: simulated time as a multiple of real time; 0 is as fast as possible.
         state: the snapshot of another process.
         start: the pose on new ground.
@@ -41,12 +41,12 @@ def make_robot(
 
 
 def pybullet_is_installed() -> bool:
-    """Whether PyBullet is installed; it has wheels for few platforms only."""
+    """Return whether PyBullet is installed; it has wheels for few platforms only."""
     return importlib.util.find_spec("pybullet") is not None
 
 
 def why_no_window() -> str:
-    """Why no window can be opened here; empty if one can."""
+    """Return why no window can be opened here; empty if one can."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return "it needs a screen, and there is none here: $DISPLAY is not set"
     return ""

@@ -26,7 +26,7 @@ GUARD = 0.15
 
 GUARDED_SPEED = 0.25
 HURRIED_SPEED = 1.0
-"""The speed (m/s) at which a foot is lowered, and that while the body tilts."""
+"""The speeds (m/s) at which a foot is lowered: usually, and while the body tilts."""
 
 TOUCH_LOAD = 1500.0
 """A foot with at least this vertical force (N) stands."""
@@ -35,7 +35,9 @@ HANGING_LOAD = 500.0
 """A foot with less than this vertical force (N) does not stand."""
 
 CONTACT_FORCE = 800.0
-"""A lifted foot with this sideways force (N) has met something. A free swing gives at most half."""
+"""A lifted foot with this sideways force (N) has met something. A free swing causes half of it at
+most.
+"""
 
 BACK_OFF = 0.25
 """How far (m) a foot moves back from an obstacle before it is put down."""
@@ -54,19 +56,19 @@ class Segment:
     duration: float
 
     def at(self, share: float) -> Array:
-        """The joints when *share* (0 to 1) of the time has passed."""
+        """Return the joints when *share* (0 to 1) of the time has passed."""
         joints: Array = self.start + ease(share) * (self.end - self.start)
         return joints
 
 
 def ease(share: float) -> float:
-    """A cosine from 0 to 1 with speed 0 at both ends."""
+    """Return a cosine from 0 to 1 with speed 0 at both ends."""
     return (1 - math.cos(math.pi * min(share, 1.0))) / 2
 
 
 def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
-    """The segments of a leg move from the present *joints*: lift, retract, rotate, extend, and
-    lower to GUARD above the expected ground.
+    """Return the segments of a leg move from the present *joints*: lift, retract, rotate, extend,
+    and lower to GUARD above the expected ground.
     """
     angle, reach, drop = leg_joints(pose, move.foothold)
     first, _, standing = joints
@@ -84,7 +86,7 @@ def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
 
 
 def back_off(segment: Segment, share: float) -> Segment:
-    """The way back from *share* of a segment: BACK_OFF long, or to the segment's start."""
+    """Return the way back from *share* of a segment: BACK_OFF long, or to the segment's start."""
     here = segment.at(share)
     while share > 0 and _distance(segment.at(share), here) < BACK_OFF:
         share = max(share - 0.01, 0.0)
@@ -92,7 +94,7 @@ def back_off(segment: Segment, share: float) -> Segment:
 
 
 def _distance(first: Array, second: Array) -> float:
-    """The distance of a foot's places at two (angle, reach, drop) of one leg."""
+    """Return the distance of a foot's places at two (angle, reach, drop) of one leg."""
     (a, r, d), (b, s, e) = first, second
     return math.dist((r * math.cos(a), r * math.sin(a), d), (s * math.cos(b), s * math.sin(b), e))
 

@@ -21,7 +21,7 @@ class Odometry:
         self._feet = feet_of(joints)
 
     def estimate(self, joints: Array, airborne: set[int]) -> Pose:
-        """The present pose, from the motion of the standing feet relative to the body."""
+        """Return the present pose, from the motion of the standing feet relative to the body."""
         standing = [leg for leg in range(len(joints)) if leg not in airborne]
         before, now = self._feet[standing], feet_of(joints)[standing]
         # The motion of the body, in its own frame at the last fix.
@@ -46,5 +46,5 @@ class Odometry:
 
 
 def compass(true_heading: float, seed: int, number: int) -> float:
-    """A compass reading (rad) after the footstep with this number."""
+    """Return a compass reading (rad) after the footstep with this number."""
     return true_heading + float(np.random.default_rng((seed, 7, number)).normal(0.0, COMPASS_NOISE))

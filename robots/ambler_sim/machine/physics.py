@@ -19,7 +19,8 @@ from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Ro
 from robots.engine import BulletWorld, Engine
 from robots.rendering import SIZE, write_png
 
-# 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
+# Ticks of 1/240 s only take more time. With 10 iterations the feet creep twice as much; 50
+# iterations are no better than 20.
 TICK = 0.01
 ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
@@ -73,21 +74,21 @@ class BulletPlant(BulletWorld, Plant):
         self._engine.stepSimulation()
 
     def joints(self) -> Array:
-        """The joint values that the encoders measure."""
+        """Return the joint values that the encoders measure."""
         states = self._engine.getJointStates(self._robot, self._motors)
         return np.array([state[0] for state in states]).reshape(len(LEGS), -1)
 
     def loads(self) -> Array:
-        """The loads, from the force sensors between vertical links and feet."""
+        """Return the loads, from the force sensors between vertical links and feet."""
         return -self._forces()[:, 2]
 
     def pushes(self) -> Array:
-        """The horizontal forces, from the same sensors."""
+        """Return the horizontal forces, from the same sensors."""
         pushes: Array = np.hypot(*self._forces()[:, :2].T)
         return pushes
 
     def bumps(self) -> Array:
-        """The forces on links and body, from their touch sensors. Feet are left out."""
+        """Return the forces on links and body, from their touch sensors. Feet are left out."""
         bumps = np.zeros(len(LEGS) + 1)
         for contact in self._engine.getContactPoints(bodyA=self._robot):
             if contact[3] not in self._feet:
@@ -95,7 +96,7 @@ class BulletPlant(BulletWorld, Plant):
         return bumps
 
     def attitude(self) -> Attitude:
-        """The true pose of the body, as from a perfect inertial sensor."""
+        """Return the true pose of the body, as from a perfect inertial sensor."""
         place, turn = self._engine.getBasePositionAndOrientation(self._robot)
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
         turned = rotation_matrix(Attitude(Pose(0.0, 0.0, heading, 0.0), roll, pitch))
@@ -148,7 +149,9 @@ class BulletPlant(BulletWorld, Plant):
         self._firmness = firmness
 
     def _forces(self) -> Array:
-        """The forces on the six-axis sensors above the feet, (6, 3). A hanging foot pulls."""
+        """Return the forces on the six-axis sensors above the feet, (6, 3). A hanging foot
+        pulls.
+        """
         states = self._engine.getJointStates(self._robot, self._feet)
         return np.array([state[2][:3] for state in states])
 
@@ -188,7 +191,9 @@ class BulletPlant(BulletWorld, Plant):
 
 
 class BulletWindow(BulletPlant):
-    """The same in PyBullet's own window, for users with a screen. The camera follows the robot."""
+    """The same plant in PyBullet's own window, for users with a screen. Its camera follows the
+    robot.
+    """
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._aimed_at = 0.0

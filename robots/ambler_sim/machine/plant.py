@@ -25,25 +25,29 @@ class Plant(Protocol):
         """Command joint positions and speeds, and let one tick pass."""
 
     def joints(self) -> Array:
-        """The joint values that the encoders measure."""
+        """Return the joint values that the encoders measure."""
 
     def loads(self) -> Array:
-        """The vertical force (N) of the ground on each foot, (6,)."""
+        """Return the vertical force (N) of the ground on each foot, (6,)."""
 
     def pushes(self) -> Array:
-        """The horizontal force (N) on each foot, (6,)."""
+        """Return the horizontal force (N) on each foot, (6,)."""
 
     def bumps(self) -> Array:
-        """The force (N) on each leg's links except its foot, and on the body, (7,)."""
+        """Return the force (N) on each leg's links except its foot, and on the body, (7,)."""
 
     def attitude(self) -> Attitude:
         """Position and inclination of the body."""
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """The distance to the ground along each unit direction; NaN beyond *limit* metres."""
+        """Return the distance to the ground along each unit direction; NaN beyond *limit*
+        metres.
+        """
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a rock onto the ground that the scanner does not see but the robot collides with."""
+        """Put a rock onto the ground. The scanner does not see the rock, but the robot collides
+        with it.
+        """
         self._terrain.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
@@ -64,7 +68,9 @@ class Plant(Protocol):
 
 
 def standing_posture(terrain: Terrain, start: Pose) -> Posture:
-    """A level posture around *start*, all feet on the ground in the standard configuration."""
+    """Return a level posture around *start*, all feet on the ground in the standard
+    configuration.
+    """
     flat = np.array([[foot.x, foot.y, 0.0] for foot in standard_feet(start, 0.0)])
     flat[:, 2] = terrain.heights_at(flat[:, 0], flat[:, 1])
     height = float(flat[:, 2].mean()) + BODY_HEIGHT

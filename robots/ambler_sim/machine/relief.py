@@ -21,7 +21,7 @@ REACH = 2000.0
 
 SHORTEST, LONGEST = 6.0, 13.0
 BEND = 1.2
-"""The distance (m) from a border within which one steepness changes into the next."""
+"""Half the distance (m) over which one steepness changes into the next."""
 
 CALM = 4.0
 """Radius (m) of gentle ground around the start."""
@@ -62,7 +62,7 @@ class Profile:
         self._heights -= np.interp(0.0, self._knots, self._heights)
 
     def heights(self, t: Array) -> Array:
-        """The heights at these distances along the axis."""
+        """Return the heights at these distances along the axis."""
         t = np.clip(t, self._knots[0], self._knots[-1])
         piece = np.clip(np.searchsorted(self._knots, t, side="right") - 1, 0, len(self._knots) - 2)
         along = t - self._knots[piece]
@@ -86,7 +86,7 @@ class Relief:
         self._has_relief = slope > 0
 
     def heights(self, x: Array, y: Array) -> Array:
-        """The heights at these points."""
+        """Return the heights at these points."""
         heights = np.zeros(np.broadcast(x, y).shape)
         if self._has_relief:
             first, second = self._profiles
@@ -101,7 +101,7 @@ class Relief:
         return heights
 
     def firmness(self, x: Array, y: Array) -> Array:
-        """The factor of the feet's stiffness at these points: 1 on firm ground."""
+        """Return the factor of the feet's stiffness at these points: 1 on firm ground."""
         if self.kind != "soft":
             return np.ones(np.broadcast(x, y).shape)
         discs = self._discs("soft", SOFT_CELL, SOFT_SHARE, x, y)
@@ -116,7 +116,9 @@ class Relief:
         return humps
 
     def _discs(self, name: str, cell: float, share: float, x: Array, y: Array) -> Array:
-        """How far inside a scattered disc each point is: 1 in its middle, 0 or less outside."""
+        """Return how far inside a scattered disc each point is: 1 in its middle, 0 or less
+        outside.
+        """
         x, y = np.broadcast_arrays(x, y)
         row, column = np.floor(x / cell).astype(int), np.floor(y / cell).astype(int)
         inside = np.full(x.shape, -1.0)
@@ -133,7 +135,7 @@ class Relief:
 
 
 def _wave(random: Random, steepness: float) -> Callable[[Array, Array], Array]:
-    """The heights of waves of one length and direction."""
+    """Return the heights of waves of one length and direction."""
     length, direction = random.uniform(2.5, 6.0), random.uniform(0.0, math.pi)
     phase = random.uniform(0, math.tau)
     number = math.tau / length

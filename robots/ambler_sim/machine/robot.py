@@ -117,11 +117,13 @@ class Robot:
             self._trail.extend(self.true_stance().feet)
 
     def stance(self) -> Stance:
-        """The body pose and the six feet as the robot believes them to be, by dead reckoning."""
+        """Return the body pose and the six feet as the robot believes them to be, by dead
+        reckoning.
+        """
         return self._stance_at(self._pose())
 
     def true_stance(self) -> Stance:
-        """The true stance, for pictures and for judging the walk."""
+        """Return the true stance, for pictures and for judging the walk."""
         return self._stance_at(self._plant.attitude().pose)
 
     def _pose(self) -> Pose:
@@ -131,7 +133,7 @@ class Robot:
         return stance_of(pose, self._machine.joints(), self._last_leg)
 
     def readings(self) -> Readings:
-        """The readings of inclinometers, force sensors, amplifiers and encoders."""
+        """Return the readings of inclinometers, force sensors, amplifiers and encoders."""
         attitude = self._plant.attitude()
         loads = tuple(float(load) for load in self._machine.loads())
         return Readings(
@@ -172,7 +174,9 @@ class Robot:
             raise NEEDS_OPERATOR(leg, f"a joint of leg {leg} stays stuck: an operator must free it")
 
     def calibrate(self, leg: int) -> None:
-        """Set the relative encoder of a leg from the absolute one, and its force sensor to zero."""
+        """Set a leg's relative encoder from the absolute encoder, and the leg's force sensor to
+        zero.
+        """
         self._machine.clear(leg, "encoder drift", "force sensor")
         self._rebase()
 
@@ -195,7 +199,7 @@ class Robot:
 
         Raises:
             AMPLIFIER_TRIPPED: before anything moved.
-            TERRAIN_COLLISION: the leg met something on its way; it stands again.
+            TERRAIN_COLLISION: the leg met something on its way; the leg stands again.
             TIP_OVER_RISK: the body tilted; the leg stands again.
             JOINT_FAULT: the leg is where it got stuck, in the air, until ``free_joint``.
         """
@@ -213,13 +217,13 @@ class Robot:
         return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
-        """Carry the body to a pose over standing feet. Returns the pose reached. When stopped, it
+        """Carry the body to a pose over standing feet. Returns the pose reached. A stopped body
         comes to rest gently.
 
         Raises:
             AMPLIFIER_TRIPPED: before anything moved.
             OutOfReach: a leg could not follow; nothing moved.
-            TERRAIN_COLLISION: the body met something; it is back where it was.
+            TERRAIN_COLLISION: the body met something; the body is back where it was.
             TIP_OVER_RISK: the body tilted.
             JOINT_FAULT: a joint of a standing leg does not follow.
         """
@@ -264,7 +268,7 @@ class Robot:
         return to_world(self._pose(), to_body(attitude.pose, points))
 
     def footstep(self) -> Footstep:
-        """The record of the last footstep, with the robot's belief and the truth."""
+        """Return the record of the last footstep, with the robot's belief and the truth."""
         believed, true = self.stance(), self.true_stance()
         leg, tilt = max(self._last_leg, 0), self.peak_tilt
         self.peak_tilt = 0.0
@@ -293,7 +297,7 @@ class Robot:
         return draw(self.true_stance(), self.terrain, self._trail)
 
     def state(self) -> Snapshot:
-        """The state from which another process can continue."""
+        """Return the state from which another process can continue."""
         return Snapshot(
             backend=self.backend,
             terrain=self.terrain.present,
@@ -313,7 +317,9 @@ class Robot:
         self._plant.close()
 
     def _rebase(self) -> None:
-        """Command the measured joints: old errors must not become forces. Restart the pacer."""
+        """Command the measured joint values, so that old errors do not become forces. Restart the
+        pacer.
+        """
         self._command = self._machine.joints()
         self._odometry.fix(self._command, self._airborne)
         self.pacer.restart()
@@ -321,7 +327,9 @@ class Robot:
     def _swing_over(
         self, leg: int, segments: list[motion.Segment], watch: MoveWatch
     ) -> Contact | None:
-        """Bring a leg over its foothold. After a contact, back off a little and return it."""
+        """Bring a leg over its foothold. After a contact, back off a little and return the
+        contact.
+        """
         lift, *others = segments
         self._swing(leg, lift, watch)
         for segment in others:
@@ -335,10 +343,11 @@ class Robot:
     def _swing(
         self, leg: int, segment: motion.Segment, watch: MoveWatch, *, stops_at_contact: bool = False
     ) -> float:
-        """Move a leg along a segment. Returns the share done before *watch* stopped it or, with
-        *stops_at_contact*, before it met something.
+        """Move a leg along a segment. Returns the share done before *watch* stopped the leg or,
+        with *stops_at_contact*, before the leg met something.
 
-        Other legs hold still: levelling on five feet rocked the robot over in the physics backend.
+        The other legs hold still. Levelling on five feet would tip the robot over in the physics
+        backend.
         """
         ticks = math.ceil(segment.duration / self._plant.tick)
         for number in range(1, ticks + 1):
@@ -391,7 +400,9 @@ class Robot:
         return Contact(leg, foot.x, foot.y, foot.z, force, *_direction(before[:2], after[:2]))
 
     def _bump(self, start: Pose, goal: Pose) -> Contact | None:
-        """The contact of the body or of a leg's beams on the way to *goal*; None without one."""
+        """Return the contact of the body or of a leg's beams on the way to *goal*; None without
+        one.
+        """
         bumps = self._plant.bumps()
         if bumps.max() <= motion.CONTACT_FORCE:
             return None
@@ -411,13 +422,13 @@ class Robot:
                 return
 
     def _hangs(self, leg: int) -> bool:
-        """Whether a foot bears no load; False if its sensor is broken."""
+        """Return whether a foot bears no load; False if its sensor is broken."""
         return bool(self._machine.loads()[leg] < motion.HANGING_LOAD)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
         """Lower a leg slowly until its force sensor feels the ground (a guarded move).
 
-        It goes down as far as necessary: a hanging leg must not count as standing.
+        The leg goes down as far as necessary, because a hanging leg must not count as standing.
         """
         self._odometry.fix(self._machine.joints(), self._airborne)
         self._airborne.add(leg)
@@ -459,8 +470,8 @@ class Robot:
             self._drive(joints)
 
     def _corrections(self) -> Array:
-        """How much each standing leg should extend in this tick to even out the loads and to level
-        the body.
+        """Return how much each standing leg should extend in this tick to even out the loads and to
+        level the body.
 
         Six stiff legs on the ground wobble like a table. Without this correction the robot would
         stand on two or three.
@@ -498,7 +509,7 @@ def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
 
 
 def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
-    """The unit vector from one place to another; zero if they are the same."""
+    """Return the unit vector from one place to another; zero if they are the same."""
     way = math.dist(start, end)
     if way <= LEAST_WAY:
         return 0.0, 0.0

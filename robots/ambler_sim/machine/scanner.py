@@ -46,7 +46,7 @@ def scan(
 
 
 def ray_directions() -> Array:
-    """Unit vectors in the body frame, row by row from near to far."""
+    """Return unit vectors in the body frame, row by row from near to far."""
     down, sideways = np.meshgrid(
         np.linspace(_NEAREST, _FARTHEST, ROWS),
         np.linspace(-_SIDEWAYS, _SIDEWAYS, COLUMNS),

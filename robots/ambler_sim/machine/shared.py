@@ -45,7 +45,7 @@ class Machine:
             self._requests.get()()
 
     def scan(self) -> Scan:
-        """Take one sweep of the range scanner. Returns it with its stance."""
+        """Take one sweep of the range scanner. Returns the points with the stance of the robot."""
         taken: queue.SimpleQueue[Scan] = queue.SimpleQueue()
         self._requests.put(
             lambda: taken.put(pack_scan(self._stance_on_the_ground(), self.robot.scan()))
@@ -59,8 +59,8 @@ class Machine:
         return taken.get()
 
     def _stance_on_the_ground(self) -> Stance:
-        """The present stance, but with a lifted foot where it was lifted. Maps use the feet as
-        points of the ground.
+        """Return the present stance, but with a lifted foot where it was lifted. Maps use the feet
+        as points of the ground.
         """
         now = self.robot.stance()
         return now if self._lifted == NO_LEG else with_foot(now, self._before.feet[self._lifted])

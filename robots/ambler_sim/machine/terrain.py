@@ -31,7 +31,9 @@ MOST_ADDED = 20
 """The number of rocks, and of holes, that are kept; older ones lie behind the robot."""
 
 HOLE_RADIUS, HOLE_DEPTH = 0.6, 0.25
-"""Ground that gives way (m) falls in around the foot, less and less further out."""
+"""The radius and depth (m) of ground that falls in around a foot. Further out the hole is less
+deep.
+"""
 
 STEEPNESS = {"flat": 0.0, "rolling": 0.1}
 """The steepest rise per run of the kinds of ground that have a limit of their own."""
@@ -61,17 +63,19 @@ class Terrain:
         return (*self.spec.rocks, *self._added)
 
     def lattice(self, row: int, column: int, rows: int, columns: int) -> Array:
-        """The heights of a part of the lattice, rows along x, from this row and column on."""
+        """Return the heights of a part of the lattice, rows along x, from this row and column
+        on.
+        """
         return self._lattice_heights(
             np.arange(row, row + rows)[:, None], np.arange(column, column + columns)[None, :]
         )
 
     def height(self, x: float, y: float) -> float:
-        """The ground height (m) at a point."""
+        """Return the ground height (m) at a point."""
         return float(self.heights_at(np.array([x]), np.array([y]))[0])
 
     def heights_at(self, x: Array, y: Array) -> Array:
-        """The ground heights at many points, bilinear between those of the lattice."""
+        """Return the ground heights at many points, bilinear between those of the lattice."""
         u, v = x / RESOLUTION, y / RESOLUTION
         i: Cells = np.floor(u).astype(np.intp)
         j: Cells = np.floor(v).astype(np.intp)
@@ -88,7 +92,7 @@ class Terrain:
         return between
 
     def gradient_at(self, x: float, y: float) -> float:
-        """The rise per run of the ground around a point."""
+        """Return the rise per run of the ground around a point."""
         step = RESOLUTION
         east, west, north, south = self.heights_at(
             np.array([x + step, x - step, x, x]), np.array([y, y, y + step, y - step])
@@ -101,7 +105,7 @@ class Terrain:
         return self.spec.kind == "soft"
 
     def firmness_at(self, x: Array, y: Array) -> Array:
-        """The factor of the feet's stiffness at these points: 1 on firm ground."""
+        """Return the factor of the feet's stiffness at these points: 1 on firm ground."""
         return self._relief.firmness(x, y)
 
     def add(self, rock: Rock) -> None:
@@ -114,13 +118,15 @@ class Terrain:
         self._cache(self._row, self._column)
 
     def top(self, rock: Rock) -> float:
-        """The height of a rock's highest point in the world."""
+        """Return the height of a rock's highest point in the world."""
         if rock not in self._tops:
             self._tops[rock] = self.height(rock.x, rock.y) + rock.height
         return self._tops[rock]
 
     def under(self, places: Array) -> Array:
-        """The height under these points (n, 3): of the ground, or of a rock's top below them."""
+        """Return the height under these points (n, 3): of the ground, or of a rock's top below
+        them.
+        """
         heights = self.heights_at(places[:, 0], places[:, 1])
         for rock in self.rocks:
             away = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y)
@@ -136,7 +142,7 @@ class Terrain:
         self._cached = self.lattice(row, column, CELLS, CELLS)
 
     def _lattice_heights(self, i: Cells, j: Cells) -> Array:
-        """The heights of these rows and columns of the lattice, with the holes."""
+        """Return the heights of these rows and columns of the lattice, with the holes."""
         x: Array = RESOLUTION * i.astype(np.float64)
         y: Array = RESOLUTION * j.astype(np.float64)
         heights = self._relief.heights(x, y)
@@ -146,7 +152,7 @@ class Terrain:
         return heights
 
     def _is_cached(self, i: Cells, j: Cells) -> bool:
-        """Whether these cells are in the cached part, which is moved if necessary."""
+        """Return whether these cells are in the cached part. Move that part if necessary."""
         low_i, high_i, low_j, high_j = int(i.min()), int(i.max()), int(j.min()), int(j.max())
         last = CELLS - 2  # a cell's corners are in the next row and column, too
         if (

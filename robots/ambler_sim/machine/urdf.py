@@ -103,7 +103,7 @@ def _leg(leg: int) -> str:
 
 
 def _joints(leg: int) -> str:
-    """The joints of a leg, from the body down to the foot."""
+    """Return the joints of a leg, from the body down to the foot."""
     parts, no_offset, upright = AMBLER, (0, 0, 0), (0, 0, 1)
     shaft = (0.0, float(SHAFT_Y[leg]), float(SHOULDER_Z[leg]))
     extent, drop = (0.9, parts.max_reach + 0.1), (0.0, parts.max_drop)

@@ -12,7 +12,9 @@ BETWEEN_PICTURES = 1.0
 """The least number of seconds between two pictures. Drawing one takes some milliseconds."""
 
 WHILE_MOVING = 0.2
-"""The same for a robot that is shown while it moves, in real time and in the robot's time."""
+"""The least number of seconds between two pictures during a move, in real time and in robot
+time.
+"""
 
 
 class Display:

@@ -60,7 +60,7 @@ MOST_ATTEMPTS = 5
 
 recovery = Module("error recovery")
 recovery.resource("steps", capacity=3)
-"""For handlers that wait for the step before; that step may need to be replaced too."""
+"""While a handler waits for the step before, another handler may have to replace that step."""
 
 
 @recovery.at_start
@@ -97,7 +97,7 @@ def plan_otherwise(task: Task) -> None:
     if earlier_step is not None and earlier_step.message == TAKE_STEPS.name:
         for arrival in earlier_step.children(ACHIEVED_POSITION):
             if not arrival.wait().lets_successors_continue:
-                # The earlier step is being recovered; that recovery plans all later steps.
+                # Another handler recovers the earlier step, and plans all later steps again.
                 task.trouble.resolved()
                 return
     task.command(ACQUIRE_IMAGE, step_task.data(TAKE_STEPS).number).wait()
@@ -127,7 +127,7 @@ def take_another_step(task: Task, stance: Stance, leg: int) -> None:
 
 
 def ground(task: Task, stance: Stance) -> ElevationMap:
-    """The map of all ground that legs can reach."""
+    """Return the map of all ground that legs can reach."""
     return task.query(ELEVATION_MAP, window_around(stance))
 
 
@@ -153,8 +153,8 @@ def shuffle_feet(task: Task) -> None:
 
 @recovery.handles(DO_AGAIN)
 def do_again(task: Task) -> None:
-    """Have the work done again that a module had when it died. Moves begin where the robot stands,
-    so they can safely be repeated.
+    """Repeat the work that a module had when it died. Moves can safely be repeated, because they
+    begin where the robot stands.
 
     A gait planner that had ordered a part of its plan would order that part twice. In that case the
     rest of the arc is begun again instead.
@@ -179,8 +179,8 @@ def give_up(task: Task) -> None:
 def abandon(trouble: Trouble, why: str) -> None:
     """Kill all planned tasks below the task that this handler is attached to.
 
-    Other exception handlers on the way there survive that kill, with the tasks that they sent.
-    These tasks are killed, too.
+    Exception handlers between that task and the failing one survive this kill, with the tasks that
+    they sent. Kill those tasks, too.
     """
     rungs = REPLAN_MOVE, PLAN_OTHERWISE, SHUFFLE_FEET
     handlers = [task for rung in rungs for task in trouble.failing.ancestors(rung)]
@@ -189,13 +189,13 @@ def abandon(trouble: Trouble, why: str) -> None:
 
 
 def attachment(trouble: Trouble) -> TaskRef:
-    """The task that this rung of the ladder is attached to."""
+    """Return the task that this rung of the ladder is attached to."""
     assert trouble.attached is not None
     return trouble.attached
 
 
 def _leg_of(failing: TaskRef) -> int:
-    """The leg that could not move; the first one, if it was the body."""
+    """Return the leg that could not move; leg 0 if the body could not move."""
     moves = [task for task in (failing, *failing.ancestors()) if task.message == MOVE_LEG.name]
     return moves[0].data(MOVE_LEG).leg if moves else LEGS[0]
 

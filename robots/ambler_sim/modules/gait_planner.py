@@ -66,8 +66,8 @@ class GaitMemory:
         self._measured = {number - 1: self._measured.get(number - 1, stance), number: stance}
 
     def corrected(self, ahead: Ahead) -> Stance:
-        """The foreseen stance, with the feet as measured before the footstep that is being walked.
-        The foot that moves in this footstep stays as foreseen.
+        """Return the foreseen stance, with the feet as measured before the footstep that is being
+        walked. The foot that moves in this footstep stays as foreseen.
         """
         foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
         if measured is None or foreseen.last_leg < 0:

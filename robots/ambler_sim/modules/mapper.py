@@ -41,7 +41,7 @@ def update_map(task: Task) -> None:
 
 @mapper.handles(ELEVATION_MAP)
 def elevation_map(task: Task, window: Window) -> ElevationMap:
-    """The ground in a window, NaN where it is unknown."""
+    """Return the ground in a window, NaN where it is unknown."""
     update_map(task)
     if memory.ground is None:
         return unknown_map(window)

@@ -1,8 +1,8 @@
 """The laser scanner and its image queue: takes range images while the machine holds still, and
 keeps the last ones.
 
-It locks the controller while it takes an image, so that no move blurs it (paper, "Resource
-Management").
+The scanner locks the controller while it takes an image, so that no move blurs the image (paper,
+"Resource Management").
 """
 
 from collections import deque
@@ -44,7 +44,7 @@ def acquire_image(task: Task, number: int) -> None:
 
 @scanner.handles(IMAGES, resource="image queue")
 def images(_: Task, after: int) -> tuple[Image, ...]:
-    """The images after the one with this number."""
+    """Return the images after the one with this number."""
     return tuple(image for image in tuple(memory) if image.number > after)
 
 

@@ -74,7 +74,7 @@ def make_module(
 def report_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: Odometer) -> None:
     """Report how far the robot has come, until it arrives.
 
-    The goal's handler therefore runs during the whole walk: only a running handler can report.
+    The goal's handler runs during the whole walk, because only a running handler can report.
     """
     length, reported = sum(bend.length for bend in path.bends), 0.0
     for arc in arcs:
@@ -86,7 +86,9 @@ def report_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer
 
 
 def wait_for_end(arc: SentTask[None]) -> bool:
-    """Wait for the end of an arc, for BETWEEN_REPORTS seconds at most. Returns whether it came."""
+    """Wait for the end of an arc, for BETWEEN_REPORTS seconds at most. Returns whether the arc has
+    ended.
+    """
     try:
         return arc.next_change(timeout=BETWEEN_REPORTS) is None
     except Timeout:
@@ -94,7 +96,7 @@ def wait_for_end(arc: SentTask[None]) -> bool:
 
 
 def course_of(path: Path) -> Iterator[Arc]:
-    """The path's pieces, each from the planned end of the one before."""
+    """Yield the path's pieces, each from the planned end of the one before."""
     start = ORIGIN
     for bend in path.bends:
         arc = Arc(start, bend.curvature, bend.length)

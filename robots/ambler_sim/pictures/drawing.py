@@ -54,7 +54,7 @@ def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
 
 
 def _panel(name: str, view: View, title: str, parts: Iterable[str]) -> Iterable[str]:
-    """One half of the picture: the parts of a view, clipped, and its title."""
+    """Yield one half of the picture: the parts of a view, clipped, and its title."""
     left = view.left - BEHIND * SCALE
     clip = f'<rect x="{left:.1f}" y="30" width="{HALF:.1f}" height="{HEIGHT - 50}" rx="8"/>'
     yield f'<clipPath id="{name}">{clip}</clipPath><g clip-path="url(#{name})">'
@@ -64,7 +64,7 @@ def _panel(name: str, view: View, title: str, parts: Iterable[str]) -> Iterable[
 
 
 def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
-    """The view from the right: ground, far (left) legs, body, near legs."""
+    """Yield the parts of the view from the right: ground, far (left) legs, body, near legs."""
     pose = stance.pose
     floor = pose.height - BODY_HEIGHT
     ahead = np.arange(-BEHIND, AHEAD + 0.2, 0.2)
@@ -149,7 +149,7 @@ def _soil_colour(share: float) -> str:
 
 
 def _strip(ahead: float, left: float, breadth: float) -> str:
-    """A rectangle as a piece of a path, a little too large so that no seam shows."""
+    """Return a rectangle as a piece of a path, a little too large so that no seam shows."""
     x, y = ABOVE.at(ahead, left + breadth)
     width, height = CELL * SCALE + 0.6, breadth * SCALE + 0.6
     return f"M{x:.1f} {y:.1f}h{width:.1f}v{height:.1f}h{-width:.1f}z"

@@ -36,7 +36,7 @@ class FilmCamera:
 
 
 def why_no_film(file: Path) -> str:
-    """Why no film can be made; empty if it can."""
+    """Return why no film can be made; empty if it can."""
     if file.suffix not in ENDINGS:
         return f"{file} should end in one of {', '.join(ENDINGS)}"
     if importlib.util.find_spec("PIL") is None:

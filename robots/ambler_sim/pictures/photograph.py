@@ -24,8 +24,8 @@ SMOOTH = 0.3
 
 
 def camera_for(pose: Pose) -> rendering.Camera:
-    """A camera ahead, to the right and a little above: it shows six legs, both stacks and the
-    tracks.
+    """Return a camera ahead, to the right and a little above: it shows six legs, both stacks and
+    the tracks.
     """
     x, y = offset(pose, 10.8, -8.0)
     target_x, target_y = offset(pose, -0.8, 0.1)
@@ -35,7 +35,7 @@ def camera_for(pose: Pose) -> rendering.Camera:
 
 
 def sun_over(pose: Pose) -> rendering.Camera:
-    """A camera at the sun. Ground that it does not see lies in shadow."""
+    """Return a camera at the sun. Ground that it does not see lies in shadow."""
     return rendering.camera_in_the_sun(
         SUN, SUN_DISTANCE, (pose.x, pose.y, pose.height), angle=11.0, depth=15.0
     )
@@ -69,7 +69,7 @@ def develop(
 
 
 def _sunlight(places: Array, terrain: Terrain) -> Array:
-    """The brightness of places of the ground, by its angle to the sun."""
+    """Return the brightness of places of the ground, by its angle to the sun."""
     x, y = places[:, 0], places[:, 1]
     dx = (terrain.heights_at(x + SMOOTH, y) - terrain.heights_at(x - SMOOTH, y)) / (2 * SMOOTH)
     dy = (terrain.heights_at(x, y + SMOOTH) - terrain.heights_at(x, y - SMOOTH)) / (2 * SMOOTH)
@@ -81,14 +81,16 @@ def _sunlight(places: Array, terrain: Terrain) -> Array:
 
 
 def _lines(places: Array) -> Array:
-    """The brightness of places: darker on contour lines and on the lines of a one-metre grid."""
+    """Return the brightness of places: darker on contour lines and on the lines of a one-metre
+    grid.
+    """
     contour = rendering.near_multiple(places[:, 2], CONTOUR_EVERY, 0.006)
     grid = rendering.near_multiple(places[:, :2], 1.0, 0.012).any(axis=1)
     return np.where(contour, 0.93, 1.0) * np.where(grid, 0.90, 1.0)
 
 
 def _footprints(places: Array, trail: Sequence[Foot]) -> Array:
-    """The brightness of places: dark rings and a trodden middle where feet have stood."""
+    """Return the brightness of places: dark rings and a trodden middle where feet have stood."""
     brightness = np.ones(len(places))
     x, y = places[:, 0], places[:, 1]
     for foot in trail:
@@ -100,7 +102,7 @@ def _footprints(places: Array, trail: Sequence[Foot]) -> Array:
 
 
 def _haze(frame: rendering.Rendering) -> Array:
-    """How much (0 to 1) ground pixels fade into the colour of the horizon."""
+    """Return how much (0 to 1) ground pixels fade into the colour of the horizon."""
     near, far, depth = frame.camera.near, frame.camera.far, frame.depths[frame.ground]
     distance = near * far / (far - depth * (far - near))
     haze: Array = 1 - np.exp(-((distance - 12).clip(min=0.0)) / 40)

@@ -10,7 +10,8 @@ from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 LEAST_SUPPORT = 0.35
 """The least support margin (m).
 
-With less, two springy feet bear nearly all, and the body tilts by over a degree.
+With a smaller margin, two springy feet bear nearly all the weight, and the body tilts by over a
+degree.
 """
 
 LEAST_CONSERVATIVE = -0.2
@@ -38,8 +39,8 @@ class Margins:
     """How far the robot stays from tipping over.
 
     *support* (m) is the distance of its centre of gravity from the nearest support edge.
-    *conservative* (m) is the same after the worst further leg has failed. *energy* (m) is how far
-    the centre would have to rise to tip.
+    *conservative* (m) is that distance if one more leg fails, in the worst case. *energy* (m) is
+    how far the centre would have to rise to tip.
     """
 
     support: float
@@ -54,10 +55,10 @@ class Margins:
 
 
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
-    """The least margins while the leg is in the air.
+    """Return the least margins while the leg is in the air.
 
-    They occur at either end of its way, because a leg weighs only a tenth of the robot. The
-    conservative margin is that after the move, when the leg stands on its foothold.
+    They occur at an end of the leg's way, because a leg weighs only a tenth of the robot. The
+    conservative margin is taken after the move, when the leg stands on its foothold.
     """
     after = with_foot(stance, move.foothold)
     ends = stance, after
@@ -69,10 +70,10 @@ def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
 
 
 def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
-    """The least margins at either end of the move.
+    """Return the least margins at the two ends of the move.
 
     Between the ends they are no smaller, because support polygons are convex. If the move leads to
-    a better stance, the margins of its end count: the robot already stands at its start.
+    a better stance, only the margins at its end count. The robot already stands at its start.
     """
     before, after = _margins(stance), _margins(replace(stance, pose=move.goal))
     least = Margins(*map(min, astuple(before), astuple(after)))
@@ -84,7 +85,7 @@ def _margins(stance: Stance) -> Margins:
 
 
 def is_stable(margins: Margins) -> bool:
-    """Whether a move with these margins may be made."""
+    """Return whether a move with these margins may be made."""
     return (
         margins.support >= LEAST_SUPPORT
         and margins.conservative >= LEAST_CONSERVATIVE

@@ -23,7 +23,7 @@ FILL_REACH = 1.5
 
 
 def make_map(x: float, y: float, heights: Array, known: Mask) -> ElevationMap:
-    """A map whose first cell has its centre at *x*, *y*."""
+    """Return a map whose first cell has its centre at *x*, *y*."""
     rows, columns = heights.shape
     return ElevationMap(
         x,
@@ -37,18 +37,20 @@ def make_map(x: float, y: float, heights: Array, known: Mask) -> ElevationMap:
 
 
 def heights_of(ground: ElevationMap) -> Array:
-    """The cells' heights (rows, columns); NaN where nothing is known nearby."""
+    """Return the cells' heights (rows, columns); NaN where nothing is known nearby."""
     cells = np.frombuffer(ground.heights, dtype="<f4").reshape(ground.rows, ground.columns)
     return cells.astype(np.float64)
 
 
 def known_cells(ground: ElevationMap) -> Mask:
-    """Which cells were measured; the others are filled in from their neighbours or NaN."""
+    """Return which cells were measured. All other cells are filled in from their neighbours, or
+    NaN.
+    """
     return np.frombuffer(ground.known, dtype="u1").reshape(ground.rows, ground.columns).astype(bool)
 
 
 def heights_along(ground: ElevationMap, x: Array, y: Array) -> Array:
-    """The height of the cell below each point; NaN off the map."""
+    """Return the height of the cell below each point; NaN off the map."""
     row = np.rint((x - ground.x) / ground.resolution).astype(np.intp)
     column = np.rint((y - ground.y) / ground.resolution).astype(np.intp)
     inside = (row >= 0) & (row < ground.rows) & (column >= 0) & (column < ground.columns)
@@ -57,19 +59,19 @@ def heights_along(ground: ElevationMap, x: Array, y: Array) -> Array:
 
 
 def height_at(ground: ElevationMap, x: float, y: float) -> float:
-    """The height of one cell; NaN where it is unknown."""
+    """Return the height of one cell; NaN where it is unknown."""
     return float(heights_along(ground, np.array([x]), np.array([y]))[0])
 
 
 def unknown_map(window: Window) -> ElevationMap:
-    """A map without any known cell."""
+    """Return a map without any known cell."""
     return cut(
         make_map(window.x, window.y, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool)), window
     )
 
 
 def cut(ground: ElevationMap, window: Window) -> ElevationMap:
-    """The part of a map in a window; cells outside the map are NaN."""
+    """Return the part of a map in a window; cells outside the map are NaN."""
     side = 2 * math.ceil(window.reach / ground.resolution) + 1
     row = round((window.x - window.reach - ground.x) / ground.resolution)
     column = round((window.y - window.reach - ground.y) / ground.resolution)
@@ -84,7 +86,7 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
-    """The map with the felt obstacles: walls are infinitely high, bad footholds are NaN."""
+    """Return the map with the felt obstacles: walls are infinitely high, bad footholds are NaN."""
     heights = heights_of(ground).copy()
     rows, columns = np.indices(heights.shape)
     for each in obstacles:
@@ -105,7 +107,7 @@ def pack_scan(stance: Stance, points: Array) -> Scan:
 
 
 def points_of(scan: Scan) -> Array:
-    """The world points (n, 3) of a scan."""
+    """Return the world points (n, 3) of a scan."""
     return np.frombuffer(scan.points, dtype="<f4").reshape(-1, 3).astype(np.float64)
 
 
@@ -114,9 +116,9 @@ def build_elevation_map(
 ) -> ElevationMap:
     """Map the ground around the robot: the mean height of the *points* in each cell.
 
-    The feet count as points, too: the robot knows the ground best there. Cells without points are
-    taken from the *previous* map. The rest are filled in from neighbours up to FILL_REACH away;
-    farther cells stay NaN.
+    The feet count as points, too, because the robot knows the ground best there. Cells without
+    points are taken from the *previous* map. The rest are filled in from neighbours up to
+    FILL_REACH away; farther cells stay NaN.
     """
     x, y = _corner(stance)
     heights = _cell_means(np.vstack([points, positions(stance)]), x, y)
@@ -130,7 +132,7 @@ def build_elevation_map(
 
 
 def _corner(stance: Stance) -> tuple[float, float]:
-    """The first cell of a map that reaches ahead, on the lattice that all maps share."""
+    """Return the first cell of a map that reaches ahead, on the lattice that all maps share."""
     centre_x, centre_y = offset(stance.pose, AHEAD, 0.0)
     return _on_lattice(centre_x - SIZE / 2), _on_lattice(centre_y - SIZE / 2)
 
@@ -140,7 +142,7 @@ def _on_lattice(value: float) -> float:
 
 
 def _cell_means(points: Array, x: float, y: float) -> Array:
-    """The mean height of the points in each cell; NaN without points."""
+    """Return the mean height of the points in each cell; NaN without points."""
     side = round(SIZE / RESOLUTION)
     cells = np.rint((points[:, :2] - (x, y)) / RESOLUTION).astype(np.intp)
     inside = ((cells >= 0) & (cells < side)).all(axis=1)
@@ -152,7 +154,9 @@ def _cell_means(points: Array, x: float, y: float) -> Array:
 
 
 def _filled(heights: Array) -> Array:
-    """Fill unknown cells from the known ones inwards by means of neighbours, then smooth them."""
+    """Fill unknown cells with means of their neighbours, outwards from known cells. Then smooth the
+    filled cells.
+    """
     unknown = ~np.isfinite(heights)
     cells = heights.copy()
     for _ in range(math.ceil(FILL_REACH / RESOLUTION)):
@@ -166,7 +170,7 @@ def _filled(heights: Array) -> Array:
 
 
 def _neighbour_means(cells: Array, valid: Mask) -> Array:
-    """The mean over each cell's valid 3x3 neighbourhood; NaN without a valid cell."""
+    """Return the mean over each cell's valid 3x3 neighbourhood; NaN without a valid cell."""
     total = _box_sum(np.where(valid, cells, 0.0))
     count = _box_sum(valid.astype(np.float64))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,7 +1,8 @@
 """The choice of a foothold: the best cell near the ideal one.
 
-The cost of a cell is the sum of several costs. They are slope, roughness and curvature of a patch
-around it, its distance from the ideal, and a penalty for a cell that was not measured.
+The cost of a cell is the sum of several costs. They are the slope, roughness and curvature of the
+patch around the cell, and the distance from the ideal foothold. A cell that was not measured also
+costs a penalty.
 """
 
 from dataclasses import dataclass
@@ -48,7 +49,7 @@ UNKNOWN_COST = 0.2
 
 
 def window_of(step: Step) -> Window:
-    """The ground needed to choose a step's foothold."""
+    """Return the ground needed to choose a step's foothold."""
     return Window(step.ideal.x, step.ideal.y, SEARCH_RADIUS + PATCH * 0.1)
 
 
@@ -82,7 +83,7 @@ def choose_foothold(ground: ElevationMap, step: Step, radius: float = SEARCH_RAD
 
 
 def costs(cells: Candidates, ideal: Foot) -> Array:
-    """The cost of each cell. A metre from the ideal costs as much as 30 % slope."""
+    """Return the cost of each cell. A metre from the ideal costs as much as 30 % slope."""
     distance = np.hypot(cells.places[:, 0] - ideal.x, cells.places[:, 1] - ideal.y)
     ground: Array = (
         SLOPE_COST * cells.slope
@@ -128,7 +129,7 @@ def _is_sound(cells: Candidates) -> Mask:
 
 
 def _is_reachable(places: Array, step: Step) -> Mask:
-    """Mask the cells in reach from when the foot is placed until it is lifted again."""
+    """Mask the cells that are in reach all the time until the foot is lifted again."""
     legs = [step.leg] * len(places)
     reachable = np.ones(len(places), dtype=bool)
     for pose in step.support:

@@ -42,8 +42,8 @@ SHARPEST = 0.08
 # How far (m) before the middle of the body legs 0 to 5 stand when a left leg is about to step.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
-# 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a
-# degree.
+# A move of 0.5 m in under 1 s makes the machine rock on two feet. Below 0.6 m/s2 it tilts by at
+# most a fifth of a degree.
 ACCELERATION = 0.6
 SHORTEST = 0.5
 """The least duration (s) of a body move."""
@@ -81,7 +81,7 @@ def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVA
 
 
 def next_leg(stance: Stance) -> int:
-    """The rear-most leg of the side that did not step last; at the start, of both sides."""
+    """Return the rear-most leg of the side that did not step last; at the start, of both sides."""
     candidates = (
         LEGS if stance.last_leg not in LEGS else tuple(set(LEGS) - set(side_of(stance.last_leg)))
     )
@@ -89,25 +89,27 @@ def next_leg(stance: Stance) -> int:
 
 
 def foot_beside(pose: Pose, leg: int, ahead: float, height: float) -> Foot:
-    """A foot TRACK to the leg's side of a body at *pose*, and *ahead* metres forward."""
+    """Return a foot TRACK to the leg's side of a body at *pose*, and *ahead* metres forward."""
     x, y = offset(pose, ahead, circulation(leg) * TRACK)
     return Foot(leg, x, y, height)
 
 
 def after_step(step: Step, foothold: Foot, goal: Pose) -> Stance:
-    """The stance after the step, with which the next step is planned while this one is walked."""
+    """Return the stance after the step, with which the next step is planned while this one is
+    walked.
+    """
     return replace(with_foot(step.before, foothold), pose=goal, last_leg=step.leg)
 
 
 def with_foot(stance: Stance, landed: Foot) -> Stance:
-    """The stance with the foot *landed* in it."""
+    """Return the stance with the foot *landed* in it."""
     return replace(
         stance, feet=tuple(landed if foot.leg == landed.leg else foot for foot in stance.feet)
     )
 
 
 def progress(arc: Arc, pose: Pose) -> float:
-    """Metres of the arc up to its point nearest to *pose*."""
+    """Return the length (m) of the arc up to its point nearest to *pose*."""
     forward, left = seen_by(arc.start, pose)
     if abs(arc.curvature) < 1e-9:
         return forward
@@ -118,15 +120,15 @@ def progress(arc: Arc, pose: Pose) -> float:
 
 
 def remaining(arc: Arc, pose: Pose) -> float:
-    """Metres of the arc ahead of *pose*, at least 0."""
+    """Return the length (m) of the arc ahead of *pose*, at least 0."""
     return max(arc.length - progress(arc, pose), 0.0)
 
 
 def rejoin(course: Arc, pose: Pose) -> Arc:
-    """An arc from *pose* back to the course (pure pursuit).
+    """Return an arc from *pose* back to the course (pure pursuit).
 
-    It aims at a point LOOKAHEAD beyond the end of the course, and has the length of the rest of the
-    course.
+    The new arc aims at a point LOOKAHEAD beyond the end of the course. It is as long as the rest of
+    the course.
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
@@ -136,12 +138,14 @@ def rejoin(course: Arc, pose: Pose) -> Arc:
 
 
 def is_finished(arc: Arc, pose: Pose) -> bool:
-    """Whether the rest is too short for a step: bodies stop centimetres short, as feet creep."""
+    """Return whether the rest of an arc is too short for a step. Bodies stop early, because feet
+    creep.
+    """
     return remaining(arc, pose) < TOLERANCE
 
 
 def pose_on(arc: Arc, distance: float) -> Pose:
-    """The pose after *distance* metres along the arc or beyond its end."""
+    """Return the pose after *distance* metres along the arc or beyond its end."""
     turned = arc.curvature * distance
     if abs(turned) < 1e-9:
         forward, left = distance, 0.0
@@ -152,14 +156,14 @@ def pose_on(arc: Arc, distance: float) -> Pose:
 
 
 def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
-    """The standard configuration around *pose*, for the start and for recovery."""
+    """Return the standard configuration around *pose*, for the start and for recovery."""
     return tuple(
         foot_beside(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS)
     )
 
 
 def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
-    """The places of the feet in the standard configuration around the body.
+    """Return the places of the feet in the standard configuration around the body.
 
     The configuration is mirrored if *first*, the leg that steps first, is on the right side. The
     three legs of a side keep their order: a leg that is half way to the front goes to the rear.
@@ -175,17 +179,17 @@ def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
 
 
 def mean_height(feet: tuple[Foot, ...]) -> float:
-    """The mean height of the ground under the feet."""
+    """Return the mean height of the ground under the feet."""
     return sum(foot.z for foot in feet) / len(feet)
 
 
 def body_height(feet: tuple[Foot, ...]) -> float:
-    """The height at which the body is carried over these feet."""
+    """Return the height at which the body is carried over these feet."""
     return mean_height(feet) + BODY_HEIGHT
 
 
 def _level_pose_on(arc: Arc, distance: float, now: Pose) -> Pose:
-    """The pose after *distance* metres of the arc, at the present height of the body."""
+    """Return the pose after *distance* metres of the arc, at the present height of the body."""
     return replace(pose_on(arc, distance), height=now.height)
 
 
@@ -193,7 +197,7 @@ def _level_pose_on(arc: Arc, distance: float, now: Pose) -> Pose:
 
 
 def plan_body_move(step: Step, foothold: Foot) -> BodyMove:
-    """The body's part of a step whose leg now stands on *foothold*."""
+    """Return the body's part of a step whose leg now stands on *foothold*."""
     return plan_shift(after_step(step, foothold, step.before.pose), step.goal)
 
 
@@ -216,7 +220,9 @@ def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
 
 
 def duration(start: Pose, goal: Pose) -> float:
-    """Seconds for a cosine profile that peaks at ACCELERATION. Turning counts at 2 m radius."""
+    """Return the seconds for a cosine profile that peaks at ACCELERATION. Turning counts at 2 m
+    radius.
+    """
     turn = 2.0 * (goal.heading - start.heading)
     distance = math.hypot(goal.x - start.x, goal.y - start.y, goal.height - start.height, turn)
     return max(SHORTEST, math.pi * math.sqrt(distance / (2 * ACCELERATION)))

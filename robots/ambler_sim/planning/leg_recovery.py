@@ -30,7 +30,7 @@ SPACING = 0.05
 
 
 def window_of(step: Step) -> Window:
-    """The ground needed to plan the way of a step's leg: all that the leg can reach."""
+    """Return the ground needed to plan the way of a step's leg: all that the leg can reach."""
     x, y = offset(step.before.pose, 0.0, float(SHAFT_Y[step.leg]))
     return Window(x, y, AMBLER.max_reach + SPACING)
 
@@ -50,9 +50,9 @@ def plan_swing(
     """Plan a leg's move to *foothold*, turning in *sense* (0: the short way) and lifted CLEARANCE
     over everything on its way.
 
-    It turns at *radius* from its shaft. The default is RECOVERY_RADIUS, or the distance of a nearer
-    end. Raises OutOfReach for a foothold beyond the leg's reach, PathBlocked if the ground is too
-    high.
+    The foot turns at *radius* from its shaft. The default is RECOVERY_RADIUS, or less if an end of
+    the way is nearer to the shaft. Raises OutOfReach for a foothold beyond the leg's reach,
+    PathBlocked if the ground is too high.
     """
     start, end = _ends(stance.pose, stance.feet[foothold.leg], foothold, sense)
     if not within_limits(np.array([end])).all():
@@ -76,7 +76,9 @@ def require_lift(pose: Pose, leg: int, lift: float) -> None:
 
 
 def rotation(start: float, end: float, sense: int) -> float:
-    """The signed angle from one direction to another in the given sense; 0 takes the short way."""
+    """Return the signed angle from one direction to another in the given sense; 0 takes the short
+    way.
+    """
     turn = math.remainder(end - start, math.tau)
     if sense * turn < 0:
         turn += sense * math.tau
@@ -101,7 +103,9 @@ Joints = tuple[float, float, float]
 
 
 def _ends(pose: Pose, foot: Foot, foothold: Foot, sense: int) -> tuple[Joints, Joints]:
-    """The joints at both ends of the swing, the second angle unwrapped in the sense of turning."""
+    """Return the joints at both ends of the swing, the second angle unwrapped in the sense of
+    turning.
+    """
     start, end = leg_joints(pose, foot), leg_joints(pose, foothold)
     return start, (start[0] + rotation(start[0], end[0], sense), end[1], end[2])
 
@@ -109,7 +113,9 @@ def _ends(pose: Pose, foot: Foot, foothold: Foot, sense: int) -> tuple[Joints, J
 def _highest(
     ground: ElevationMap, pose: Pose, leg: int, start: Joints, end: Joints, radius: float
 ) -> float:
-    """The highest known ground on the way. Both ends count even if the map does not have them."""
+    """Return the highest known ground on the way. Both ends count even if the map does not have
+    them.
+    """
     path = swing_path(pose, leg, start[:2], end[:2], radius)
     shoulder = pose.height + float(SHOULDER_Z[leg])
     heights = [

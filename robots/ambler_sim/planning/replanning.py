@@ -78,12 +78,12 @@ ADVANCES = (0.5, 0.25, 0.12)
 
 
 def window_around(stance: Stance) -> Window:
-    """The ground needed to move any leg."""
+    """Return the ground needed to move any leg."""
     return Window(*offset(stance.pose, AHEAD, 0.0), SIZE / 2)
 
 
 def obstacle_at(contact: Contact) -> Obstacle:
-    """The obstacle at *contact*: beyond the foot, or under it."""
+    """Return the obstacle at *contact*: beyond the foot, or under it."""
     if not (contact.dx or contact.dy):
         return Obstacle(contact.x, contact.y, contact.z, FOOT_ROOM, is_wall=False)
     reach = OBSTACLE_RADIUS + CLEAR_OF_FOOT
@@ -92,7 +92,9 @@ def obstacle_at(contact: Contact) -> Obstacle:
 
 
 def raised_move(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
-    """The move, RAISE above the obstacle. Raises PathBlocked if the leg is too short for that."""
+    """Return the move, RAISE above the obstacle. Raises PathBlocked if the leg is too short for
+    that.
+    """
     lift = max(move.lift, contact.z) + RAISE
     require_lift(stance.pose, move.leg, lift)
     return replace(move, lift=lift)
@@ -125,10 +127,11 @@ class Alternative:
 def another_step(
     ground: ElevationMap, stance: Stance, arc: Arc, preferred: int = NO_LEG
 ) -> Alternative:
-    """The first footstep that is possible from *stance*.
+    """Return the first footstep that is possible from *stance*.
 
-    It tries the leg whose turn it is (or *preferred*), then the others from the rear; then again
-    with shorter moves of the body. Raises NoStep with the reason against the first try.
+    The first try is with the leg whose turn it is, or *preferred*. Then come the other legs from
+    the rear. Then all legs are tried again with shorter moves of the body. Raises NoStep with the
+    reason against the first try.
     """
     first = preferred if preferred in LEGS else next_leg(stance)
     others = sorted(
@@ -158,7 +161,7 @@ def _alternative(ground: ElevationMap, step: Step) -> Alternative:
 
 
 def centring_move(stance: Stance) -> BodyMove | None:
-    """A move of the body to where any leg can be lifted, as far as the feet allow.
+    """Return a move of the body to where any leg can be lifted, as far as the feet allow.
 
     None if the body stands well, or if no better place nearby can be reached safely.
     """
@@ -182,8 +185,8 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 
     After that step the body is further on, and the blocked leg swings elsewhere. The robot is
     stable during each move. The blocked leg's side moves last, the blocked leg itself at the very
-    end if possible. Within these groups, the legs that would be hardest to lift in the end move
-    first. Feet that can't be moved safely stay.
+    end if possible. Within these groups, the legs that would be hardest to lift from the final
+    stance move first. Feet that can't be moved safely stay.
     """
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
@@ -207,7 +210,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 
 
 def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) -> Iterator[LegMove]:
-    """The possible moves to these places, for feet that are not yet there."""
+    """Yield the possible moves to these places, for feet that are not yet there."""
     for place in places:
         if distance(stance.feet[place.leg], place) > IN_PLACE:
             with contextlib.suppress(OutOfReach, PathBlocked):
@@ -226,9 +229,9 @@ def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
 
 
 def _known_place(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
-    """The place at its height in the map, or one beside it whose height is known.
+    """Return the place with its height in the map, or a place beside it with a known height.
 
-    If there is none, the place gets the mean height of the feet.
+    If no height is known, the place gets the mean height of the feet.
     """
     for ahead, left in BESIDE:
         x, y = place.x + ahead, place.y + left
@@ -238,7 +241,9 @@ def _known_place(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
 
 
 def _plan_way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
-    """Plan a move to a foothold at the first free one of RADII. Raises PathBlocked if none is."""
+    """Plan a move to a foothold at the first free one of RADII. Raises PathBlocked if no radius is
+    free.
+    """
     for radius in RADII:
         with contextlib.suppress(PathBlocked):
             return plan_swing(ground, stance, foothold, sense, radius)

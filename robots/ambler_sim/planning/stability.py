@@ -15,7 +15,9 @@ Corner = tuple[float, float, float]
 
 
 def centre_of_gravity(joints: Array) -> Array:
-    """The robot's centre of gravity in the body frame for (angle, reach, drop) of the six legs."""
+    """Return the robot's centre of gravity in the body frame for (angle, reach, drop) of the six
+    legs.
+    """
     parts = AMBLER
     feet = feet_of(joints)
     levels = feet[:, 2] + joints[:, 2]
@@ -36,19 +38,21 @@ def centre_of_gravity(joints: Array) -> Array:
 
 
 def world_centre_of_gravity(stance: Stance) -> Array:
-    """The centre of gravity of a robot in *stance* in the world, (3,)."""
+    """Return the centre of gravity of a robot in *stance* in the world, (3,)."""
     centre: Array = to_world(stance.pose, centre_of_gravity(stance_joints(stance))[None, :])[0]
     return centre
 
 
 def support_polygon(stance: Stance, *lifted: int) -> Array:
-    """The outermost of the feet that bear load, counter-clockwise seen from above, (n, 3)."""
+    """Return the outermost of the feet that bear load, counter-clockwise seen from above, (n,
+    3).
+    """
     points = sorted((foot.x, foot.y, foot.z) for foot in stance.feet if foot.leg not in lifted)
     return np.array(_half_hull(points) + _half_hull(points[::-1]))
 
 
 def support_margin(stance: Stance, *lifted: int) -> float:
-    """The horizontal distance (m) of the centre of gravity from the nearest support edge.
+    """Return the horizontal distance (m) of the centre of gravity from the nearest support edge.
 
     Negative when the centre is outside, -inf when fewer than three feet stand.
     """
@@ -60,13 +64,15 @@ def support_margin(stance: Stance, *lifted: int) -> float:
 
 
 def conservative_margin(stance: Stance, *lifted: int) -> float:
-    """The support margin without the worst further leg (conservative support polygon, 1989)."""
+    """Return the support margin without the worst further leg (conservative support polygon,
+    1989).
+    """
     return min(support_margin(stance, *lifted, leg) for leg in LEGS if leg not in lifted)
 
 
 def energy_margin(stance: Stance, *lifted: int) -> float:
-    """How far (m) the centre of gravity has to rise to tip over the weakest edge (Messuri and
-    Klein, 1985).
+    """Return how far (m) the centre of gravity has to rise to tip over the weakest edge (Messuri
+    and Klein, 1985).
 
     This is the energy stability margin divided by the weight. It is negative when the robot already
     tips.
@@ -80,25 +86,31 @@ def energy_margin(stance: Stance, *lifted: int) -> float:
 
 
 def least_norm_loads(feet: Array, loads: Array) -> Array:
-    """The most even vertical forces on *feet* with the same sum and moments as *loads*."""
+    """Return the most even vertical forces on *feet* with the same sum and moments as *loads*."""
     arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]])
     even: Array = arms.T @ np.linalg.solve(arms @ arms.T, arms @ loads)
     return even
 
 
 def _edges_and_arms(corners: Array, stance: Stance) -> tuple[Array, Array]:
-    """Each edge of the polygon, and the vector from its first corner to the centre of gravity."""
+    """Return each edge of the polygon, and the vector from its first corner to the centre of
+    gravity.
+    """
     return np.roll(corners, -1, axis=0) - corners, world_centre_of_gravity(stance) - corners
 
 
 def _inward(edges: Array, arms: Array) -> Array:
-    """Twice the area between edge and arm seen from above, positive where the arm points inward."""
+    """Return twice the area between edge and arm seen from above, positive where the arm points
+    inward.
+    """
     area: Array = edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]
     return area
 
 
 def _half_hull(points: list[Corner]) -> list[Corner]:
-    """One side of the convex hull of sorted points, without its last (Andrew's monotone chain)."""
+    """Return one side of the convex hull of sorted points, without the last point (Andrew's
+    monotone chain).
+    """
     hull: list[Corner] = []
     for point in points:
         while len(hull) >= 2 and not _turns_left(hull[-2], hull[-1], point):

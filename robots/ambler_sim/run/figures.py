@@ -39,8 +39,8 @@ RECOVERIES = {
     "lost module": (),
     "lost central": (),
 }
-"""The tasks that show that a fault was noticed and recovered from. The loss of a program is
-recovered from at the next footstep.
+"""For each kind of fault, the tasks that show a recovery. The loss of a program counts as recovered
+at the next footstep.
 """
 
 ROUND = 8
@@ -59,8 +59,8 @@ metres later is compared with the first.
 class MemoryUse:
     """The memory use of programs at the end, in MB: of central, and of all.
 
-    *fastest* is the program that grew fastest, and *growth* its growth (MB in 100 m), None after
-    too short a walk.
+    *fastest* is the program that grew fastest. *growth* (MB in 100 m) is the growth of that
+    program; None after too short a walk.
     """
 
     central: float = 0.0
@@ -90,7 +90,7 @@ class Usage:
             self._samples[name, process].append((metres, _megabytes(process)))
 
     def at_end(self) -> MemoryUse:
-        """The memory use at the end of the walk, and its growth."""
+        """Return the memory use at the end of the walk, and its growth."""
         ends = {name: self._samples[name, process][-1][1] for name, process in self._running}
         growths = [(growth_of(samples), name) for (name, _), samples in self._samples.items()]
         known = [(growth, name) for growth, name in growths if growth is not None]
@@ -100,7 +100,7 @@ class Usage:
 
 
 def growth_of(samples: Sequence[tuple[float, float]]) -> float | None:
-    """A program's growth in MB per 100 m since its warm-up; None after too short a run."""
+    """Return a program's growth in MB per 100 m since its warm-up; None after too short a run."""
     last = samples[-1]
     warm = next((sample for sample in samples if sample[0] >= samples[0][0] + WARM_UP), last)
     metres = last[0] - warm[0]
@@ -152,7 +152,7 @@ class Figures:
     digest: str
 
     def lines(self) -> list[str]:
-        """The figures as text."""
+        """Return the figures as text."""
         share = self.error / self.way if self.way else 0.0
         slopes = ", ".join(f"{count} x {rise}" for rise, count in self.slopes.items())
         faults = [
@@ -181,7 +181,7 @@ class Figures:
 
 
 def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figures:
-    """The figures of a walk whose programs have ended and that took *wall* seconds."""
+    """Return the figures of a walk whose programs have ended and that took *wall* seconds."""
     history = History()
     checked = CheckedRun.of(open_log(journal), RULES, history)
     written = record.read_bytes() if record.exists() else b""
@@ -218,7 +218,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
 
 
 def _megabytes(process: int) -> float:
-    """The memory use of a process in MB; 0 if it has ended."""
+    """Return the memory use of a process in MB; 0 if it has ended."""
     try:
         pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
     except (OSError, IndexError):
@@ -235,7 +235,7 @@ def _footsteps(written: bytes) -> list[Footstep]:
 def _faults(history: History) -> dict[str, FaultFigures]:
     """For each kind of fault, how many began and how many were recovered from.
 
-    A lost program is recovered from at the robot's next footstep or arrival.
+    The loss of a program counts as recovered at the robot's next footstep or arrival.
     """
     began, repair_starts = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list)
     step_ends = []
@@ -259,13 +259,15 @@ def _faults(history: History) -> dict[str, FaultFigures]:
 
 
 def walked_on(losses: Sequence[float], steps: Sequence[float]) -> int:
-    """The number of losses of a program (times) after which the robot has made another step."""
+    """Return the number of losses of a program (times) after which the robot has made another
+    step.
+    """
     return sum(loss < steps[-1] for loss in losses) if steps else 0
 
 
 def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Sequence[float]) -> int:
-    """The number of *faults* of one kind that were followed by a fitting recovery within a ROUND of
-    footsteps.
+    """Return the number of *faults* of one kind that were followed by a fitting recovery within a
+    ROUND of footsteps.
 
     Each recovery counts for one fault. All arguments are times; recoveries and steps are sorted.
     """

@@ -16,8 +16,8 @@ from tca_module import Client, Task, connect
 from tca_tools.supervise.programs import START_TIME, Programs
 
 PATIENCE = 4.0
-"""Seconds that the other programs get to come to rest before a program is killed. A stopped planner
-waits as long for its next query before it is killed.
+"""The seconds that the other programs get to come to rest before a program is killed. A stopped
+planner is killed after the same time if no query comes.
 """
 
 _POLL_PERIOD = 0.02  # seconds
@@ -26,8 +26,8 @@ _POLL_PERIOD = 0.02  # seconds
 class ProgramKiller:
     """Kills programs, one after the other, while a move is held and all other work is done.
 
-    Which work is lost then does not depend on timing. A planner is stopped at once, and killed when
-    it has its next query.
+    So the lost work does not depend on timing. A planner is stopped at once, and killed when it has
+    its next query.
     """
 
     def __init__(self, programs: Programs, address: str) -> None:
@@ -58,7 +58,7 @@ class ProgramKiller:
         try:
             with connect("losses", self._address) as client:
                 _wait(lambda: planner in busy(client), PATIENCE)
-        finally:  # also if central does not answer: else the planner would stay stopped
+        finally:  # even if central does not answer, or the planner would stay stopped
             process = self._programs.kill_and_restart(planner)
         with connect("losses", self._address) as client:
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
@@ -66,12 +66,12 @@ class ProgramKiller:
 
 
 def is_at_rest(task: Task) -> bool:
-    """Whether only the modules that cause the loss have work."""
+    """Return whether only the modules that cause the loss have work."""
     return not busy(task) - {"task manager", "fault injector"}
 
 
 def busy(sender: Task | Client) -> set[str]:
-    """The modules with a delivery from central that they have not finished."""
+    """Return the modules with a delivery from central that they have not finished."""
     return {
         module.name
         for module in sender.modules()
@@ -80,7 +80,7 @@ def busy(sender: Task | Client) -> set[str]:
 
 
 def is_connected(sender: Task | Client, process: int) -> bool:
-    """Whether a module of this process is connected to central."""
+    """Return whether a module of this process is connected to central."""
     return any(module.process.endswith(f":{process}") for module in sender.modules())
 
 

@@ -1,7 +1,7 @@
 """Rules that every walk must keep: ``tca check walk/journal robots/ambler_sim/run/rules.py``.
 
-A walk checks itself against them when it ends. This file imports nothing of the robot, so a journal
-can be checked without it.
+At its end, a walk checks itself against these rules. This file imports nothing of the robot, so
+that a journal can be checked without the robot.
 """
 
 from bisect import bisect_left
@@ -104,7 +104,7 @@ def _children(run: Run, task: Task, *names: str) -> Iterator[Task]:
 
 
 def _is_checked(run: Run, move: Task, name: str, since: float, until: float) -> bool:
-    """Whether a check of a move has begun and succeeded between these times."""
+    """Return whether a check of a move has begun and succeeded between these times."""
     return any(
         since <= check.time_of(Moment.START_HANDLING)
         and check.time_of(Moment.END_ACHIEVING) <= until
@@ -114,7 +114,7 @@ def _is_checked(run: Run, move: Task, name: str, since: float, until: float) -> 
 
 
 def _end_of_moves(run: Run, step: Task, planner: Handling | None) -> float:
-    """The end of the moves of a step that *planner*, a run of the planner, has ordered."""
+    """Return the end of the moves of a step that *planner*, a run of the planner, has ordered."""
     moves = (move for move in _children(run, step, *MOVES) if move.by is planner)
     return max((handling.until for move in moves for handling in move.handlings), default=0.0)
 

@@ -76,7 +76,9 @@ class Walk:
         return [name for name in LAYERS if name not in self.options.without]
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
-        """All programs but central, controller and task manager: name, module and arguments."""
+        """Yield all programs but central, controller and task manager: name, module and
+        arguments.
+        """
         for name in ("scanner", "mapper", *([] if self.options.bare else ["error recovery"])):
             yield name, f"modules.{name}", []
         yield "gait planner", "modules.gait planner", self.arguments
@@ -104,8 +106,8 @@ class Walk:
         return int(not has_arrived)
 
     def start_controller(self, programs: Programs, number: int = 0) -> None:
-        """Start a controller. It takes over the robot from an earlier one. With --swap-to every
-        second controller has that backend.
+        """Start a controller. It takes over the robot from an earlier controller. Every second
+        controller has the backend of --swap-to, if given.
         """
         other = ["--backend", self.options.swap_to] if self.options.swap_to and number % 2 else []
         programs.start_module(
@@ -151,7 +153,7 @@ class Walk:
         return True
 
     def photograph(self, module: Module) -> None:
-        """Get a picture of the robot where it is now. Its failure does not fail the walk."""
+        """Get a picture of the robot where it is now. A missing picture does not fail the walk."""
         try:
             picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
         except TcaError as error:

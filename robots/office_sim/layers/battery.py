@@ -1,9 +1,9 @@
 """The battery layer: when the battery runs low, collecting is suspended, the robot recharges, and
 collecting is resumed.
 
-A cup in the hand stays there in the meantime. A goal that has begun is retried afterwards, and is
-planned for the situation at that time. A robot that does not reach the charger waits and tries
-again. If all tries fail, the shift ends.
+A cup in the hand stays there in the meantime. A goal that has begun is retried afterwards, and
+planned again for the new situation. A robot that does not reach the charger waits and tries again.
+If all tries fail, the shift ends.
 """
 
 from robots.office_sim.messages import (

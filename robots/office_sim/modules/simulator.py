@@ -27,7 +27,7 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
     simulator.handles(OPEN_LAB)(lambda task: opening_times.append(task.time()))
 
     def now(task: Task) -> OfficeWorld:
-        """The world, advanced to the present time."""
+        """Return the world, advanced to the present time."""
         if opening_times:
             world.advance((task.time() - opening_times[0]) * pace)
         return world

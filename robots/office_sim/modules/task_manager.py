@@ -33,7 +33,7 @@ def make_module(pace: float) -> Module:
 
     @manager.handles(FIND_NEW_CUP)
     def find_new_cup(task: Task) -> Cup | None:
-        """A cup without a goal. Only the task tree records which cups have goals."""
+        """Return a cup without a goal. Only the task tree records which cups have goals."""
         ignored, now = _cups_with_goals(task), task.time()
         ignored |= {number for number, until in left_alone_until.items() if now < until}
         return next((cup for cup in task.query(CUPS_IN_VIEW) if cup.number not in ignored), None)

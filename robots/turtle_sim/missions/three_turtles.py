@@ -1,9 +1,9 @@
 """Three missions with checkpoints. Each turtle has a task server and a mission, and sees only the
 statuses of the others.
 
-Status 1 means that the turtle is at its first goal; 0 means that it is at home or has not begun.
-Before a turtle changes its status, it waits until the turtles that need to see it have answered
-with theirs.
+Status 1 means that the turtle is at its first goal; 0 means that it is at home or has not begun. A
+turtle keeps a status until the partners that wait for it have answered with new statuses of their
+own.
 """
 
 import sys

@@ -15,8 +15,8 @@ REPEAT = 0.05
 
 
 class StatusLink:
-    """Sends the status of this robot to its partners and stores theirs. It has a thread, and may be
-    used from any thread.
+    """Sends the status of this robot to its partners, and stores the partners' statuses. The link
+    has a thread, and may be used from any thread.
 
     It trusts every datagram from a partner's address. On an open network, connect the partners
     through a tunnel.
@@ -25,7 +25,7 @@ class StatusLink:
     def __init__(self, name: str, team: Team, *, loss: float = 0.0) -> None:
         """Create the link of the robot *name*. The other robots of the *team* are its partners.
 
-        For trials, it drops the share *loss* of the datagrams that it sends. Raises BadTeam.
+        For trials, the link drops the share *loss* of the datagrams that it sends. Raises BadTeam.
         """
         if name not in team:
             raise BadTeam(
@@ -75,7 +75,9 @@ class StatusLink:
             self._send_due()
 
     def status(self, partner: str) -> int | None:
-        """The newest known status of a partner; None before the first one. Raises NoSuchPartner."""
+        """Return the newest known status of a partner; None before the first one. Raises
+        NoSuchPartner.
+        """
         with self._lock:
             return self._statuses.status(partner)
 

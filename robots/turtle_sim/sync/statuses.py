@@ -3,12 +3,12 @@ no socket, no clock.
 
 Each robot sets its own status, with a version that only grows. A datagram holds all statuses that
 its sender knows. The receiver stores those with a newer version. A datagram may therefore be lost,
-doubled or late: the next one makes up for it.
+doubled or late: the next datagram makes up for it.
 
 Two things follow. First, a partner's datagram acknowledges the statuses in it. A robot repeats its
-datagram only to partners that have not acknowledged all that it knows. Second, a status never
+datagram only to partners that have not acknowledged all statuses in it. Second, a status never
 overtakes its cause. If turtle 2 sets its status because of the status of turtle 1, then every robot
-that knows the new status of turtle 2 also knows that of turtle 1.
+that knows the new status of turtle 2 also knows the status of turtle 1.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,9 @@ class VersionedStatus(
 
 
 class Datagram(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """All statuses that a robot knows, and whether it wants those of the receiver in an answer."""
+    """All statuses that a robot knows, and whether the receiver must answer with its own
+    datagram.
+    """
 
     sender: str
     known: dict[str, VersionedStatus]
@@ -60,7 +62,9 @@ class Statuses:
         self.known[self.name] = VersionedStatus(self.known[self.name].version + 1, status)
 
     def status(self, partner: str) -> int | None:
-        """The newest known status of a partner; None before the first one. Raises NoSuchPartner."""
+        """Return the newest known status of a partner; None before the first one. Raises
+        NoSuchPartner.
+        """
         if partner not in self._acknowledged:
             known = ", ".join(self.partners) or "none"
             raise NoSuchPartner(
@@ -78,7 +82,7 @@ class Statuses:
         return f"'{partner}' has sent nothing: does it run, and is its address right?"
 
     def waiting_for(self) -> list[str]:
-        """The partners that have not acknowledged all that is known here."""
+        """Return the partners that have not acknowledged all that is known here."""
         return [
             partner
             for partner, theirs in self._acknowledged.items()
@@ -88,7 +92,7 @@ class Statuses:
     # --- for the link -----------------------------------------------------------------------------
 
     def due(self) -> list[tuple[str, bytes]]:
-        """The datagrams to send now, first or again, each with its partner."""
+        """Return the datagrams to send now, first or again, each with its partner."""
         return [(partner, self._datagram(partner)) for partner in self.waiting_for()]
 
     def receive(self, partner: str, raw: bytes) -> bytes | None:
@@ -119,7 +123,7 @@ class Statuses:
 
 
 def _covers(theirs: dict[str, VersionedStatus], mine: dict[str, VersionedStatus]) -> bool:
-    """Whether *theirs* has each status of *mine*, or a newer one."""
+    """Return whether *theirs* has each status of *mine*, or a newer one."""
     return all(robot in theirs and theirs[robot] >= entry for robot, entry in mine.items())
 
 

@@ -11,7 +11,9 @@ class SetStatusSync(OnceTask[SyncEnvironment]):
     status: int = parameter(description="The new status; the missions agree on its meaning")
 
     def iterate(self) -> None:
-        """Send the status to the partners. The link repeats it until each has acknowledged it."""
+        """Send the status to the partners. The link repeats the status until each partner has
+        acknowledged it.
+        """
         self.env.link.set_status(self.status)
 
 

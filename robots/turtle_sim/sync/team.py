@@ -18,7 +18,7 @@ Team = dict[str, Address]
 
 
 def free_team(*names: str) -> Team:
-    """A team on this machine, at free ports, for shows and tests."""
+    """Return a team on this machine, at free ports, for shows and tests."""
     with ExitStack() as stack:
         sockets = [
             stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names

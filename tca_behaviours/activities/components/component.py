@@ -39,7 +39,9 @@ class _Exclusion:
 
 
 class ComponentActivity:
-    """An activity of a component. With a *state* it does nothing while that state is not active."""
+    """An activity of a component. If the activity belongs to a *state*, its ticks do nothing while
+    that state is not active.
+    """
 
     def __init__(
         self,
@@ -69,15 +71,15 @@ class ComponentActivity:
 
 
 class Component(Generic[D]):
-    """A part of an application, which others reach only through its ports.
+    """A part of an application. Other parts reach it only through its ports.
 
     A subclass declares its ports and regions in ``__init__``.
 
     Args:
         name: The component's name, unique in its application.
-        data: Makes the data that its activities share, such as a class.
+        data: A class or function that makes the shared data of the component's activities.
         period: Seconds between two ticks of its port handler; default 0.02.
-        estimate: The longest execution time of the port handler in seconds; None: it is measured.
+        estimate: The longest execution time of the port handler in seconds; None: measure it.
 
     Example::
 
@@ -121,8 +123,10 @@ class Component(Generic[D]):
         Args:
             name: The port's name.
             type_: The class of its values.
-            take: The port handler calls it with each value that has arrived, the oldest first.
-            keep: How many of the newest values the port holds until then; default 1.
+            take: A function that the port handler calls with each value that has arrived, the
+                oldest first.
+            keep: How many of the newest values the port holds between two calls of the port
+                handler; default 1.
 
         Returns:
             The port.
@@ -162,9 +166,9 @@ class Component(Generic[D]):
 
     @property
     def data(self) -> D:
-        """The data that its activities share. Only they may use it; others use the ports.
+        """The data that the component's activities share. All other code uses the ports.
 
-        Raises MisuseError outside of its activities.
+        Raises MisuseError outside of the component's activities.
         """
         if not self.exclusion.is_mine():
             raise MisuseError(f"the data of {self!r} are for its own activities: use a port")
@@ -174,17 +178,17 @@ class Component(Generic[D]):
     def post(self, event: str) -> None:
         """Send an event to all regions that have a transition for it. Thread-safe.
 
-        Raises MisuseError if no region has.
+        Raises MisuseError if no region has such a transition.
         """
         check_known(f"{self!r} has no event", event, sorted(self._regions_by_event))
         for region in self._regions_by_event[event]:
             region.events.append(event)
 
     def activities(self) -> list[ComponentActivity]:
-        """All its activities: the port handler, the state machines of the regions, and the
-        activities of the states.
+        """Return all activities of the component: the port handler, the state machines of the
+        regions, and the activities of the states.
 
-        Data pass through them in this order. Raises UnsoundMachine.
+        Data pass through the activities in this order. Raises UnsoundMachine.
         """
         self._check()
         found: list[ComponentActivity] = []
@@ -264,10 +268,10 @@ class Component(Generic[D]):
 
 
 def initialise(components: Iterable[Component[Any]]) -> None:
-    """Reset components: data, ports and regions first, then the entry functions are called.
+    """Reset the data, ports and regions of all components. Then call the entry functions.
 
-    Connected components are initialised together, so that a value that an entry function sets
-    arrives at the other component.
+    Initialise connected components together. Otherwise a value that one component's entry function
+    sets would be lost when the other component is reset.
     """
     components = list(components)
     for component in components:

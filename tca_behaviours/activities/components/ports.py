@@ -34,8 +34,8 @@ class _Port(Generic[T]):
 
 
 class InputPort(_Port[T]):
-    """Holds the newest *keep* values until the port handler of its component passes them to
-    *take*, one by one.
+    """Holds the newest *keep* values. The port handler of the component passes them to *take*, one
+    by one.
     """
 
     def __init__(
@@ -65,12 +65,12 @@ class InputPort(_Port[T]):
         self.lost = 0
 
     def fits(self, output: "_Port[T]") -> bool:
-        """Whether all values of an output port fit here."""
+        """Return whether all values of an output port fit here."""
         return issubclass(output.type, self._classes)
 
 
 class OutputPort(_Port[T]):
-    """Passes each value that is set to the input ports connected with it."""
+    """Passes each value that is set to the connected input ports."""
 
     def __init__(self, component: str, name: str, type_: type[T]) -> None:
         super().__init__(component, name, type_)

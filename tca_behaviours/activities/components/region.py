@@ -1,7 +1,7 @@
 """A running region: one leaf state is active.
 
-A tick makes at most one transition, so that its execution time is bounded (decision 95). Events
-wait in the region until a tick processes them.
+A tick makes at most one transition, so that the tick's execution time is bounded (decision 95).
+Events wait in the region until a tick processes them.
 """
 
 from collections import deque
@@ -35,7 +35,7 @@ class RegionChange(msgspec.Struct, frozen=True):
 class Region:
     """An orthogonal region of a component.
 
-    It interprets its states itself, which is faster than ``LibraryInterpreter``. A test checks that
+    A region runs its states without ``LibraryInterpreter``, which is slower. A test checks that
     both make the same transitions.
     """
 
@@ -50,9 +50,9 @@ class Region:
         self.state = self.root.state
         """Adds a state, as ``RegionState.state`` does."""
         self.states = self.root.by_name
-        """All its states, by name."""
+        """All states of the region, by name."""
         self.events: deque[str] = deque()
-        """Events that have arrived, and that no tick has processed yet."""
+        """The events that no tick has processed yet."""
         self._observers: list[Callable[[RegionChange], object]] = []
 
     @property
@@ -66,7 +66,7 @@ class Region:
         return tuple(state.label for state in reversed(self.active))
 
     def is_in(self, name: str) -> bool:
-        """Whether the state of that name is active."""
+        """Return whether the state of that name is active."""
         return self.states[name].is_active
 
     def on_transition(self, function: Callable[[RegionChange], object]) -> None:
@@ -83,13 +83,13 @@ class Region:
 
     @property
     def chart(self) -> MachineChart:
-        """Its structure as data."""
+        """The structure of the region as data."""
         return chart_of(self.name, list(self.root.all())[1:])
 
     # --- running ----------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Go to the first state, without calling its entry function."""
+        """Go to the first leaf, without calling entry functions."""
         self.events.clear()
         self._leave()
         self._go_to(self.root.leaf, "")
@@ -101,8 +101,8 @@ class Region:
                 state.entry()
 
     def tick(self) -> None:
-        """Make the transition for the oldest event that has one, else a transition without an
-        event.
+        """Make the transition for the oldest event that has one. If no event has one, make a
+        transition without an event.
         """
         while self.events:
             if self.take(self.events.popleft()):
@@ -112,7 +112,8 @@ class Region:
     def take(self, event: str) -> Sequence[RegionTransition]:
         """Process an event. Returns the transition that was made, if any.
 
-        Transitions of the innermost state come first, then those written first.
+        Transitions of inner states come before those of outer states. Within a state, the
+        transition that is written first comes first.
         """
         for state in self.active:
             for arrow in state.by_event.get(event, ()):
@@ -124,8 +125,8 @@ class Region:
     def _make(self, arrow: RegionTransition) -> None:
         """Leave states up to the container around both ends, and enter states down to the target.
 
-        The region stays consistent if an exit or entry function raises: it is in the old state, or
-        in the new one.
+        The region stays consistent if a function raises. After an error of an exit function the
+        region is in the old state, after an error of an entry function in the new one.
         """
         staying = arrow.shared_containers
         for state in self.active:

@@ -10,17 +10,19 @@ from tca_wire.text.measures import duration
 
 
 def tick_text(period: float, estimate: float | None) -> str:
-    """The period and the execution time of ticks, in words."""
+    """Return the period and the execution time of ticks, in words."""
     return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
 
 
 class RegionState(State["RegionState", "RegionTransition"]):
-    """A state of a region: a leaf, or a container, which is entered with its first state."""
+    """A state of a region: a leaf or a container. A container is entered together with its first
+    state.
+    """
 
     def __init__(self, label: str, parent: "RegionState | None") -> None:
         super().__init__(StateKind.WAIT, label, parent)
         self.by_name: dict[str, RegionState] = parent.by_name if parent is not None else {}
-        """All states of its region, by name."""
+        """All states of the region, by name."""
         self.region: str = parent.region if parent is not None else label
         self.activity: Step | None = None
         self.period = 0.0
@@ -30,7 +32,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         return f"'{self.region}.{self.label}'"
 
     def lines(self) -> Iterator[str]:
-        """A line for each function that the state calls."""
+        """Yield a line for each function that the state calls."""
         if self.activity is not None:
             yield f"{name_of(self.activity)} {tick_text(self.period, self.estimate)}"
         if self.entry is not None:
@@ -39,8 +41,8 @@ class RegionState(State["RegionState", "RegionTransition"]):
             yield f"exit: {name_of(self.exit)}"
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data. The event and each condition have a line
-        of their own.
+        """Yield the transitions that lead out of this state, as data. The event and each condition
+        have a line of their own.
         """
         for arrow in self.arrows:
             conditions = ",\n".join(arrow.conditions)
@@ -57,7 +59,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         period: float | None = None,
         estimate: float | None = None,
     ) -> "RegionState":
-        """Add a state inside this one. The first one is entered first.
+        """Add a state inside this one. The state that is added first is entered first.
 
         Args:
             name: The state's name, unique in its region.
@@ -65,7 +67,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
             exit: Called when the state is left.
             activity: Ticked once a *period* while the state is active.
             period: The period of the activity in seconds.
-            estimate: The longest execution time of the activity in seconds; None: it is measured.
+            estimate: The longest execution time of the activity in seconds; None: measure it.
 
         Returns:
             The state; its ``to`` adds transitions, its ``state`` adds states inside.
@@ -101,8 +103,8 @@ class RegionState(State["RegionState", "RegionTransition"]):
 
         Args:
             target: The state that follows.
-            on: The event; "": the transition is made as soon as its conditions allow it.
-            when: A guard: the transition is made only while it returns true.
+            on: The event; "": the transition is made as soon as the conditions allow it.
+            when: A guard: the transition is made only if this function returns true.
             needs: States of other regions that must be active, such as "enabling.enabled".
 
         Raises:
@@ -136,16 +138,18 @@ class RegionTransition(Arrow[RegionState]):
         self.when = when
         self.needs = needs
         self.needed: list[RegionState] = []
-        """The states that *needs* names, once all regions of the component are known."""
+        """The states named in *needs*, once all regions of the component are known."""
 
     def __repr__(self) -> str:
         return f"the transition from {self.source!r} to {self.target!r}"
 
     @property
     def key(self) -> object:
-        """The guard itself and the needs: different guards may have the same name."""
+        """The guard and the needs. The guard's name would not do: two guards may have the same
+        name.
+        """
         return self.when, self.needs
 
     def holds(self, _situation: Any = None) -> bool:
-        """Whether its guard and the other regions allow it now."""
+        """Return whether the guard and the states of other regions allow the transition now."""
         return all(state.is_active for state in self.needed) and (self.when is None or self.when())

@@ -1,4 +1,6 @@
-"""The manager: publishes an application in a module of the user's, and handles its commands."""
+"""The manager: publishes an application through the user's module, and handles the commands that
+change it.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -25,8 +27,8 @@ class Manager:
 
     Args:
         application: The application.
-        controls: Buttons for its page.
-        picture: Draws its picture for the page, as SVG.
+        controls: Buttons for the application's page.
+        picture: Draws the application's picture for the page, as SVG.
 
     Example::
 
@@ -60,7 +62,8 @@ class Manager:
     def handle_in(self, module: Module) -> None:
         """Let a module publish the application and handle its commands, once the module runs.
 
-        It uses a resource of its own, so that other handlers of the module delay nothing.
+        The manager uses a resource of its own, so that other handlers of the module do not delay
+        it.
 
         Args:
             module: The module; it must not run yet.
@@ -114,8 +117,8 @@ class Manager:
             self._must_publish_all = True  # reports of this period may be lost
 
     def _publish_changes(self, sender: Sender) -> None:
-        """Publish the changes; everything if a component was added, or if central is new or was
-        away.
+        """Publish the changes. Publish everything if a component was added, or if central is new or
+        was away.
         """
         has_figures = self._periods % _FIGURES == 0
         if self._must_publish_all or (
@@ -171,8 +174,8 @@ class Manager:
 
 
 def _handler(change: Callable[[Any], object]) -> Callable[..., None]:
-    """Make a handler that calls *change* with the data of a command. It fails if the call raises
-    MisuseError.
+    """Make a handler that calls *change* with the data of a command. The command fails if the call
+    raises MisuseError.
     """
 
     def handle(_task: Task, data: Any = None) -> None:

@@ -1,4 +1,6 @@
-"""The variables of an application in central, and its commands. Their names contain its name."""
+"""The variables and commands of an application in central. Their names contain the application's
+name.
+"""
 
 import msgspec
 
@@ -63,7 +65,7 @@ class ApplicationEntry(msgspec.Struct, frozen=True):
 
     name: str
     module: str
-    """The module of its manager."""
+    """The name of the manager's module."""
     components: list[ComponentEntry]
     policies: list[str]
     controls: list[Control]
@@ -77,7 +79,9 @@ class StatesReport(msgspec.Struct, frozen=True):
 
 
 class ActivityMove(msgspec.Struct, frozen=True):
-    """Move an activity to an existing or a new processor; "": remove it from its processor."""
+    """The move of an activity to an existing or a new processor. With "" as the processor, the
+    activity is removed from its processor.
+    """
 
     activity: str
     processor: str
@@ -86,14 +90,14 @@ class ActivityMove(msgspec.Struct, frozen=True):
 
 
 class ActivityPeriod(msgspec.Struct, frozen=True):
-    """Change the period of an activity, in seconds."""
+    """A new period for an activity, in seconds."""
 
     activity: str
     period: float
 
 
 class ProcessorPriority(msgspec.Struct, frozen=True):
-    """Change the priority of a processor; the higher one goes first."""
+    """A new priority for a processor. The processor with the higher priority goes first."""
 
     processor: str
     priority: int

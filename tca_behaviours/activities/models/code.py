@@ -35,7 +35,7 @@ from tca_behaviours.activities.components import Component
 
 
 def generated_module(model: ApplicationModel) -> Iterator[str]:
-    """The module of data types and bases."""
+    """Yield the lines of the module of data types and bases."""
     yield from _BASES.format(mark=MARK, model=model.name).splitlines()
     for name, kind in model.types.items():
         if kind.module:
@@ -129,7 +129,11 @@ def _times(period: float, estimate: float) -> Iterator[str]:
 
 
 def distinct_methods(component: ComponentModel) -> list[Method]:
-    """The methods that the user writes, each once, in the order of the last places."""
+    """Return the methods that the user writes, each once.
+
+    The model may name a method in several places. The last place decides the method's position, the
+    first its docstring.
+    """
     last_first = reversed(list(methods(component)))
     return list({method.name: method for method in last_first}.values())[::-1]
 
@@ -143,7 +147,7 @@ def _method(method: Method) -> Iterator[str]:
 
 
 def component_module(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
-    """The first version of the module in which the user writes a component."""
+    """Yield the lines of a component's module, which the user then changes."""
     component = model.components[name]
     yield f'"""Component {name}. tca generate has created this file, and does not change it."""'
     yield ""
@@ -161,7 +165,7 @@ def component_module(model: ApplicationModel, name: str, package: str) -> Iterat
 
 
 def stub_method(method: Method) -> Iterator[str]:
-    """The lines of a method that does nothing yet."""
+    """Yield the lines of a method that does nothing yet."""
     yield from _method(method)
     if method.is_guard:
         yield "        return False"
@@ -185,7 +189,7 @@ from tca_behaviours.activities import Application
 
 
 def application_module(model: ApplicationModel, package: str) -> Iterator[str]:
-    """The module that creates the instances and connects them."""
+    """Yield the lines of the module that creates the instances and connects them."""
     kinds = sorted({instance.component for instance in model.instances.values()})
     title = model.name.replace("_", " ").replace("-", " ")
     yield from _APPLICATION.format(mark=MARK, model=model.name).splitlines()
@@ -244,27 +248,29 @@ def _instance_arguments(name: str, instance: InstanceModel) -> Iterator[str]:
 
 
 def statement(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
-    """The lines of a statement: *head*, which ends with a bracket, the arguments, and *tail*."""
+    """Return the lines of a statement: *head*, which ends with a bracket, the arguments, and
+    *tail*.
+    """
     arguments, space = list(arguments), " " * indent
     return _laid_out(f"{space}{head}{', '.join(arguments)}{tail}", space, head, arguments, tail)
 
 
 def import_lines(module: str, names: Iterable[str]) -> list[str]:
-    """The lines that import names from a module; none if there are no names."""
+    """Return the lines that import names from a module; none if there are no names."""
     names = sorted(set(names), key=lambda name: (not name.isupper(), name.lower()))
     line = f"from {module} import {', '.join(names)}"
     return _laid_out(line, "", f"from {module} import (", names, ")") if names else []
 
 
 def _laid_out(line: str, space: str, head: str, parts: list[str], tail: str) -> list[str]:
-    """The line; if it is too long, *head*, a line for each part, and *tail*."""
+    """Return the line. If the line is too long, return *head*, a line for each part, and *tail*."""
     if len(line) <= _LONGEST:
         return [line]
     return [f"{space}{head}", *(f"{space}    {part}," for part in parts), f"{space}{tail}"]
 
 
 def literal(value: object) -> str:
-    """The Python literal of a value."""
+    """Return the Python literal of a value."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     return repr(value) if not isinstance(value, float) or isfinite(value) else f'float("{value}")'

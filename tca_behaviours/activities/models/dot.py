@@ -1,7 +1,7 @@
 """A model as a picture, in the language of Graphviz.
 
-It shows the instances with their connections, then each component with its ports and, side by side,
-its regions. A dot leads to the state that is entered first.
+The picture shows the instances with their connections. Then it shows each component: its ports, and
+its regions side by side. A dot leads to the state that is entered first.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from tca_wire.charts import ChartArrow, ChartState, MachineChart, StateKind
 
 
 def model_dot(model: ApplicationModel) -> str:
-    """A directed graph of the model."""
+    """Return a directed graph of the model."""
     return graph([*(_instances(model) if model.instances else ()), *chart_lines(_chart(model))])
 
 
@@ -41,7 +41,9 @@ def _instances(model: ApplicationModel) -> Iterator[str]:
 
 
 def _chart(model: ApplicationModel) -> MachineChart:
-    """All components as one chart: components contain regions, and regions contain states."""
+    """Return all components as one chart: components contain regions, and regions contain
+    states.
+    """
     states: list[ChartState] = []
     arrows: list[ChartArrow] = []
     for component, kind in model.components.items():

@@ -1,4 +1,4 @@
-"""The methods that the user writes, as a component's model asks for them."""
+"""The methods that a component's model names, and that the user writes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -13,9 +13,9 @@ class Method(NamedTuple):
     role: str
     place: str
     about: str
-    """Its docstring."""
+    """The docstring of the method."""
     argument: str = ""
-    """The type of its argument; "" if it has none."""
+    """The type of the method's argument; "" if the method has none."""
 
     @property
     def is_guard(self) -> bool:
@@ -24,7 +24,7 @@ class Method(NamedTuple):
 
     @property
     def signature(self) -> str:
-        """Its first line."""
+        """The first line of the method."""
         value = f", value: {self.argument}" if self.argument else ""
         return f"def {self.name}(self{value}) -> {'bool' if self.is_guard else 'None'}:"
 
@@ -33,7 +33,7 @@ PORT_METHOD, STEP, GUARD = "the method of a port", "a step", "a guard"
 
 
 def methods(component: ComponentModel) -> Iterator[Method]:
-    """The methods of a component, one for each place that names it."""
+    """Yield the methods of a component, one for each place that names it."""
     for port, input_ in component.inputs.items():
         about = f"A value has arrived at port '{port}'."
         yield Method(f"take_{port}", PORT_METHOD, f"inputs.{port}", about, input_.type)

@@ -1,4 +1,4 @@
-"""The model of an application, as its file has it. Seconds of 0 mean that none were given."""
+"""The content of an application's file. A number of seconds is 0 if the file gives none."""
 
 from typing import Annotated
 
@@ -85,7 +85,7 @@ class ComponentModel(msgspec.Struct, frozen=True, kw_only=True):
     period: Seconds = 0.0
     estimate: Seconds = 0.0
     data: Values = {}
-    """The first values of its fields; the types of the fields follow from them."""
+    """The first values of the data's fields. The types of the fields follow from these values."""
     inputs: Annotated[dict[str, InputModel], TABLE] = {}
     outputs: Annotated[dict[str, str], TABLE] = {}
     """The types of the output ports, by name."""
@@ -97,7 +97,7 @@ class InstanceModel(msgspec.Struct, frozen=True, kw_only=True):
 
     component: Name
     data: Values = {}
-    """The first values that differ from those of its kind."""
+    """The first values of this instance that differ from those of its ComponentModel."""
 
 
 class ConnectionModel(msgspec.Struct, frozen=True):

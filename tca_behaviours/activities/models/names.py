@@ -55,5 +55,5 @@ def check_attributes(place: str, component: ComponentModel) -> None:
 
 
 def file_of(component: str) -> str:
-    """The module in which the user writes a component."""
+    """Return the module in which the user writes a component."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", component).lower()

@@ -27,7 +27,7 @@ from tca_tools.user_toml import check_known, check_table, read_table, read_toml,
 
 
 def read_model(path: Path) -> ApplicationModel:
-    """The model of a file. Raises BadUserFile."""
+    """Return the model of a file. Raises BadUserFile."""
     tables = read_toml(path)
     if not re.fullmatch(r"[\w.-]+", path.stem):
         raise BadUserFile(
@@ -40,7 +40,7 @@ def read_model(path: Path) -> ApplicationModel:
 
 
 def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
-    """The model in the tables of a file. Raises BadUserFile."""
+    """Return the model in the tables of a file. Raises BadUserFile."""
     _check_tables(tables)
     types: dict[str, TypeModel] = {}
     for kind, fields in tables.get("types", {}).items():
@@ -66,7 +66,7 @@ def _check_tables(tables: dict[str, Any]) -> None:
 
 
 def _expanded(tables: Any, key: str) -> Any:
-    """Expand each table that is given as a text: the text is the value of *key*."""
+    """Expand each text to a table. With *key* "type", ``"float"`` becomes ``{"type": "float"}``."""
     if not isinstance(tables, dict):
         return tables
     return {
@@ -195,7 +195,7 @@ def _connection(model: ApplicationModel, source: tuple[str, str], given: Any) ->
 
 
 def _kind_of(model: ApplicationModel, place: str, instance: str) -> ComponentModel:
-    """The component of which *instance* is one. Raises BadUserFile for an unknown instance."""
+    """Return the model of an instance's component. Raises BadUserFile for an unknown instance."""
     check_known(place, "instance", instance, model.instances)
     return model.components[model.instances[instance].component]
 
@@ -206,7 +206,8 @@ _T = TypeVar("_T")
 def _port(
     place: str, port: tuple[str, str], ports: dict[str, _T], others: dict[str, Any], wanted: str
 ) -> _T:
-    """The model of a port, from the ports of the wanted direction. *others* has the opposite ones.
+    """Return the model of a port. *ports* are those of the wanted direction, *others* those of the
+    opposite one.
 
     Raises BadUserFile.
     """

@@ -65,7 +65,10 @@ def _check_transition(
 
 
 def in_tree_order(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
-    """The states, each before those inside it; in each container the initial state comes first."""
+    """Yield the states, each container before the states inside it.
+
+    In each container the initial state comes first.
+    """
     siblings = [state for state in states if state.inside == inside]
     for state in sorted(siblings, key=lambda state: not state.initial):
         yield state
@@ -73,7 +76,7 @@ def in_tree_order(states: list[StateModel], inside: str = "") -> Iterator[StateM
 
 
 def region_of(name: str, model: RegionModel) -> Region:
-    """The region, with methods that do nothing. Raises MisuseError."""
+    """Return the region, with methods that do nothing. Raises MisuseError."""
     region = Region("", name, model.period, model.estimate)
     for state in in_tree_order(model.states):
         container = region.states[state.inside] if state.inside else region
@@ -97,7 +100,7 @@ def region_of(name: str, model: RegionModel) -> Region:
 
 @cache
 def _method(name: str) -> Callable[[], bool] | None:
-    """A method of that name, always the same one, as in the generated class."""
+    """Return a method of that name. Equal names give the same method, as in the generated class."""
 
     def method() -> bool:
         return False

@@ -18,7 +18,7 @@ from tca_tools.errors import BadUserFile
 
 
 def write_code(model: ApplicationModel, folder: Path) -> list[str]:
-    """Write all modules. Returns a report for each: whether it was written, or what it lacks.
+    """Write all modules. Returns the lines of a report: whether each was written, or what it lacks.
 
     Raises BadUserFile, before anything is written, if an existing file can't be used. Raises
     OSError.
@@ -42,7 +42,7 @@ def write_code(model: ApplicationModel, folder: Path) -> list[str]:
 
 
 def _package(folder: Path) -> str:
-    """The package that a folder is, with a dot at the end; "" if it is not a package."""
+    """Return the package that a folder is, with a dot at the end; "" if it is not a package."""
     folder = folder.resolve()
     parts: list[str] = []
     while (folder / "__init__.py").exists():
@@ -69,7 +69,7 @@ def _write(file: Path, lines: Iterable[str]) -> str:
 
 
 def _names_in(file: Path) -> set[str]:
-    """All names that a module of the user defines or imports."""
+    """Return all names that a module of the user defines or imports."""
     try:
         tree = ast.parse(file.read_bytes())
     except (SyntaxError, ValueError) as error:
@@ -80,7 +80,7 @@ def _names_in(file: Path) -> set[str]:
 
 
 def _report_on(file: Path, name: str, component: ComponentModel, names: set[str]) -> Iterator[str]:
-    """Report what the user's file of a component lacks. *names* are those that the file has."""
+    """Report what the user's file of a component lacks. *names* are the names in the file."""
     if name not in names:
         yield f"{file}: yours, not changed; it lacks class {name}: add it"
         return

@@ -24,13 +24,14 @@ _PATIENCE = 10.0
 def page_app(
     live: LiveApplication, hosts: list[str], key: PageKey | None = None, token: str = ""
 ) -> Starlette:
-    """The web application that serves one page.
+    """Return the web application that serves one page.
 
     Args:
         live: The application that the page shows.
         hosts: The names by which browsers may address the server.
         key: The key for commands; None: the page is read-only.
-        token: If given, only browsers that have opened the address with it get an answer.
+        token: If given, the server answers only browsers that have opened the address with this
+            token.
     """
     return Starlette(
         routes=[

@@ -1,4 +1,6 @@
-"""An application as central knows it, kept up to date, and the way to send it commands."""
+"""The newest values of an application's variables, and the way to send commands to the
+application.
+"""
 
 import contextlib
 import threading
@@ -24,13 +26,15 @@ from tca_module import (
 from tca_module.link.opening import CentralAddress
 
 COMMAND = "tca activities"
-"""The name of its modules: central sends no notices about modules of tools."""
+"""The name of the page's modules. Central sends no notices about modules of tools."""
 
 CHECK_PERIOD = 1.0
 """Seconds between two checks whether central and the application are there."""
 
 SILENCE = 5.0
-"""Seconds without a report until the page says so; an application sends figures every second."""
+"""Seconds without a report until the page shows that as a problem. An application sends figures
+every second.
+"""
 
 PATIENCE = 20.0
 """Seconds that the page waits for the end of a command; then it shows "still running"."""
@@ -44,7 +48,7 @@ class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def applications(client: Client) -> list[str]:
-    """The names of the applications that central knows."""
+    """Return the names of the applications that central knows."""
     names = [each.name for each in client.messages() if each.message_class == "variable"]
     return sorted(name.removeprefix(APPLICATION) for name in names if name.startswith(APPLICATION))
 
@@ -52,7 +56,8 @@ def applications(client: Client) -> list[str]:
 class LiveApplication:
     """The newest values of an application's variables, as JSON.
 
-    Changes of them are numbered, so that a page can ask for those since its last request.
+    The changes of the values are numbered, so that a page can ask for all changes since its last
+    request.
     """
 
     def __init__(self, name: str, central: CentralAddress) -> None:
@@ -60,7 +65,7 @@ class LiveApplication:
         self.messages = ApplicationMessages(name)
         self._central = central
         self._module = Module(COMMAND, central)
-        #: The variables, by name: the number of the last change, and the value.
+        #: For each variable, by name: the number of its last change, and its value.
         self._parts: dict[str, tuple[int, Any]] = {}
         self._serial = 0  #: the number of the newest change
         self._received_at = 0.0
@@ -71,7 +76,7 @@ class LiveApplication:
 
     @contextlib.contextmanager
     def running(self) -> Iterator[None]:
-        """A block in which it receives the variables from central."""
+        """A block in which this object receives the variables from central."""
         watch = threading.Thread(target=self._watch, name="watch of the page", daemon=True)
         with self._module.running():
             watch.start()
@@ -88,12 +93,12 @@ class LiveApplication:
             self._changed.notify_all()
 
     def changes_since(self, since: int, patience: float) -> dict[str, Any]:
-        """The values that have changed since change number *since*. Waits up to *patience* for a
-        change.
+        """Return the values that have changed since change number *since*. Waits up to *patience*
+        for a change.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._serial > since or self._stopped.is_set(), patience)
-            if since > self._serial:  # the page comes from another server at this address
+            if since > self._serial:  # the number comes from an earlier server at this address
                 since = 0
             parts = {part: value for part, (serial, value) in self._parts.items() if serial > since}
             return {"serial": self._serial, "parts": parts}
@@ -131,8 +136,8 @@ class LiveApplication:
             self._changed.notify_all()
 
     def _watch(self) -> None:
-        """Check regularly whether central and the application are there. Show the problem if
-        not.
+        """Check regularly whether central and the application are there. If not, publish the
+        problem.
         """
         while not self._stopped.is_set():
             try:
@@ -144,14 +149,14 @@ class LiveApplication:
                 self._stopped.wait(CHECK_PERIOD)
 
     def _problem(self, client: Client) -> str:
-        """Why the application sends no reports; "" if it does."""
+        """Return why the application sends no reports; "" if it does."""
         _, entry = self._parts.get("application", (0, None))
         if entry is None:
             return ""
         try:
             is_there = entry["module"] in [module.name for module in client.modules()]
         except (CentralLost, Timeout) as error:
-            return str(error)  # keep the connection: it works again when central is back
+            return str(error)  # keep the connection, which works again when central is back
         if not is_there:
             module = f"module '{entry['module']}', which manages '{self.name}'"
             return f"{module}, is not connected: its program has ended or hangs"

@@ -44,7 +44,7 @@ class Baton:
         self._holder: ProcessorThread | None = None
 
     def clock(self) -> float:
-        """The time by which activities are due."""
+        """Return the time by which activities are due."""
         return time.monotonic()
 
     @contextlib.contextmanager
@@ -63,10 +63,11 @@ class Baton:
                     self._hand_on()
 
     def prepare(self, names: Iterable[str]) -> dict[str, Processor]:
-        """Create the processors that do not exist yet, with their threads.
+        """Create the processors that do not exist yet. While the schedule runs, also start their
+        threads.
 
-        The threads start before the change that needs them, one by one, so that ticks need not
-        wait.
+        The threads start one by one, before the change that needs them. So no tick waits for all of
+        them.
         """
         created = {}
         for name in names:
@@ -97,7 +98,9 @@ class Baton:
                 self._hand_on()
 
     def stop(self) -> None:
-        """Stop ticking, and wait for a running tick, unless that tick calls this itself."""
+        """Stop ticking, and wait for the end of a running tick. If that tick calls ``stop`` itself,
+        do not wait.
+        """
         with self.lock:
             self.is_running = False
             for each in list(self._threads.values()):

@@ -15,8 +15,8 @@ class TickTimes:
 
     def __init__(self) -> None:
         self.response = 0.0  #: the longest time from due to done
-        # Ticks after which no other had so long a response time. The last tick above any limit is
-        # one of them.
+        # A tick stays here until another tick has the same response time or a longer one. For any
+        # limit, the last tick above the limit is here.
         self._peaks: deque[Late] = deque(maxlen=_MAX_PEAKS)
         # From due to started.
         self._longest_delay, self._shortest_delay = -math.inf, math.inf
@@ -37,7 +37,7 @@ class TickTimes:
         self._shortest_delay = min(self._shortest_delay, began - due)
 
     def last_above(self, limit: float) -> Late | None:
-        """The last tick whose response time exceeds a limit, if any."""
+        """Return the last tick whose response time exceeds a limit, if any."""
         return next((one for one in reversed(self._peaks) if one[1] > limit), None)
 
 
@@ -75,7 +75,7 @@ class Execution:
 
 
 class Load:
-    """The used share of time, in the last second."""
+    """The share of time that was used in the last second."""
 
     def __init__(self, now: float) -> None:
         self._since = now
@@ -88,7 +88,7 @@ class Load:
         self._roll(now)
 
     def share(self, now: float) -> float:
-        """The share, between 0 and 1."""
+        """Return the share, between 0 and 1."""
         self._roll(now)
         if self._share is None:
             return self._used / (now - self._since) if now > self._since else 0.0

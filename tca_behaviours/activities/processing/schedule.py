@@ -36,7 +36,9 @@ class StateActivity(Protocol):
 
 
 class ScheduledActivity:
-    """An activity with its due times, which it keeps when it moves to another processor."""
+    """An activity with its due times. The due times stay the same when the activity moves to
+    another processor.
+    """
 
     def __init__(self, activity: StateActivity) -> None:
         self.activity = activity
@@ -49,7 +51,8 @@ class ScheduledActivity:
 
     @property
     def cost(self) -> float | None:
-        """Its longest execution time: the declared one, else the measured one; None if unknown.
+        """The longest execution time of a tick: the declared one, else the measured one; None if
+        both are unknown.
 
         If most ticks take longer than declared, the mean of the measured times counts instead.
         """
@@ -61,8 +64,8 @@ class ScheduledActivity:
 class Processor:
     """Ticks its activities in rounds, in the order of their subscription.
 
-    A round has one tick of each activity that was due at its start. An activity that becomes due
-    during a round waits for the next one.
+    A round has one tick of each activity that was due at the start of the round. An activity that
+    becomes due during a round waits for the next round.
     """
 
     def __init__(self, name: str, now: float) -> None:
@@ -103,7 +106,7 @@ class Schedule:
         self.activities: dict[str, ScheduledActivity] = {}
         self.processors: list[Processor] = []  #: in the order in which they go
         self.ticked: ScheduledActivity | None = None  #: the activity whose tick is running
-        # Of the newest tick: its processor, the due times of its activity, and its start.
+        # The newest tick: its processor, the due times of its activity, and its start.
         self._ticking_processor = Processor("", 0.0)
         self._release = Period(0.0, 1.0)
         self._began = 0.0
@@ -120,7 +123,9 @@ class Schedule:
         self.update_order()
 
     def next_turn(self, now: float) -> ProcessorTurn | None:
-        """The processor that goes next, between two ticks; None if there is nothing to tick."""
+        """Return the processor that goes next, between two ticks; None if there is nothing to
+        tick.
+        """
         for processor in self.processors:
             if processor.round or processor.due <= now + _ROUNDING:
                 return ProcessorTurn(processor, now)
@@ -158,18 +163,18 @@ class Schedule:
             activity.processor.invalidate_due()
 
     def last_late(self, processor: Processor, limit: float, now: float) -> Late | None:
-        """The last tick of a processor whose response time exceeds a limit, if any.
+        """Return the last tick of a processor whose response time exceeds a limit, if any.
 
-        A tick counts if it has ended, or is due.
+        While a tick is running, a tick that is due and has not ended counts, too.
         """
-        # A due activity may be late already: it may wait for a tick that does not end.
+        # If the running tick does not end, the activities that wait for it are late already.
         waited = now - processor.due if self.ticked is not None else 0.0
         if waited > limit + _ROUNDING:
             return now, waited
         return processor.times.last_above(limit + _ROUNDING)
 
     def held_by(self, now: float) -> str:
-        """The activity whose tick takes suspiciously long, if any."""
+        """Return the activity whose tick takes suspiciously long, if any."""
         return self.ticked.name if self.ticked is not None and now - self._began > _LONG else ""
 
     # --- changes, also while it runs --------------------------------------------------------------
@@ -190,7 +195,7 @@ class Schedule:
         self.activities[activity.name] = ScheduledActivity(activity)
 
     def processor(self, name: str) -> Processor | None:
-        """The processor of that name, if any."""
+        """Return the processor of that name, if any."""
         return next((each for each in self.processors if each.name == name), None)
 
     def new_processor(self, name: str, now: float) -> Processor:
@@ -199,7 +204,7 @@ class Schedule:
         return self.processors[-1]
 
     def activity(self, name: str) -> ScheduledActivity:
-        """The activity of that name. Raises MisuseError if it does not exist."""
+        """Return the activity of that name. Raises MisuseError if there is none."""
         check_known("there is no activity", name, self.activities)
         return self.activities[name]
 
@@ -210,9 +215,10 @@ class Schedule:
         now: float,
         position: int | None = None,
     ) -> None:
-        """Move an activity to a processor, or within it: to the end, or to a position.
+        """Put an activity on a processor: at the end, or at a position. The activity may be on that
+        processor already.
 
-        An activity that was on no processor is due at once; otherwise its due times stay.
+        An activity that was on no processor is due at once. Any other activity keeps its due times.
         """
         if activity.processor is None:
             activity.release = Period(now, activity.period)
@@ -232,8 +238,8 @@ class Schedule:
             activity.processor = None
 
     def set_period(self, activity: ScheduledActivity, seconds: float, now: float) -> None:
-        """Change the period of an activity. It counts from the last tick; a tick that is due stays
-        due.
+        """Change the period of an activity. The new period counts from the last tick. A tick that
+        is due stays due.
         """
         check(f"activity '{activity.name}'", _PERIOD, period=seconds)
         if seconds < (takes := activity.activity.estimate or 0.0):

@@ -8,7 +8,7 @@ from tca_behaviours.activities.processing.ticking import tick
 
 
 def declared_cost(activity: StateActivity) -> float:
-    """The declared execution time; 0 without a declaration."""
+    """Return the declared execution time; 0 without a declaration."""
     return activity.estimate or 0.0
 
 
@@ -27,7 +27,7 @@ class VirtualBaton:
         self._now = 0.0
 
     def clock(self) -> float:
-        """The virtual time, in seconds."""
+        """Return the virtual time, in seconds."""
         return self._now
 
     @contextlib.contextmanager

@@ -32,7 +32,7 @@ class Agent:
     Args:
         name: Its name.
         tasks: How many tasks it takes at the same time; default 1. More than one makes sense only
-            if its module weighs them by their rank.
+            if the agent's module weighs its tasks by their rank.
     """
 
     name: str
@@ -83,22 +83,24 @@ _COST_OR_FUNCTION = ArgumentKind(
 
 
 class Activity:
-    """The tasks of a state. They run together, and the activity is done when all of them are.
+    """The tasks of a state. The tasks run together, and the activity is done when all of them are
+    done.
 
     Args:
         *tasks: The tasks, each a ``Do``; at least one.
-        needs: Facts that must hold when the activity starts and while it runs, unless it changes
-            them itself.
-        makes: Facts that hold when it is done. From its start until then they are unknown.
-        cost: The cost of doing it in vain: a number, or a function of the Situation; default 0.
+        needs: Facts that must hold when the activity starts. They must also hold while it runs,
+            unless the activity changes them itself.
+        makes: Facts that hold when the activity is done. While the activity runs they are unknown.
+        cost: The cost of the activity if it runs in vain: a number, or a function of the Situation;
+            default 0.
         progress: Converts a progress report of its tasks to a number in [0, 1]. Needed if their
             messages do not report such numbers.
-        undo: Tasks that restore what it has changed.
+        undo: Tasks that restore the facts that the activity has changed.
         adapt: Makes the data of a task that runs early. Its arguments are the task's data, a share
             of full speed, and a rank: the place in the preview list.
 
     Raises:
-        MisuseError: It has no task, or an argument does not fit.
+        MisuseError: The activity has no task, or an argument does not fit.
 
     Example::
 
@@ -129,16 +131,16 @@ class Activity:
         return f"Activity({', '.join(task.text for task in self.tasks)})"
 
     def cost(self, situation: Situation) -> float:
-        """The cost of doing it in vain in this situation."""
+        """Return the cost of the activity if it runs in vain in this situation."""
         cost = self._cost(situation) if callable(self._cost) else self._cost
         check(self, _COST, cost=cost)
         return cost
 
     def data_at(self, share: float, rank: int) -> list[Any]:
-        """The data of its tasks at a share of full speed.
+        """Return the data of the tasks at a share of full speed.
 
-        With rank 0, in its own state, they are the written data. Raises BadData if the data that
-        ``adapt`` returns do not fit, and any error of ``adapt``.
+        With rank 0, the state of the activity is the current one, and the data are as written.
+        Raises BadData if the data that ``adapt`` returns do not fit, and any error of ``adapt``.
         """
         if rank == 0 or self.adapt is None:
             return [task.data for task in self.tasks]
@@ -153,7 +155,7 @@ class Activity:
         return any(task.has_progress for task in self.tasks)
 
     def progress(self, report: Any) -> float:
-        """The progress in [0, 1] that a report of one of its tasks means."""
+        """Convert a progress report of one of the tasks to a number in [0, 1]."""
         value = self._progress(report) if self._progress is not None else report
         return min(1.0, max(0.0, float(value)))  # NaN gives 0
 

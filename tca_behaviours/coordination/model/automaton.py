@@ -30,23 +30,27 @@ class Automaton(Protocol):
     """The part of a machine that a preview reads. A state is a leaf's number, as in the chart."""
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
+        """Return the transitions of a leaf, in their order. The sum of their likelihoods is at most
+        1.
+        """
 
     def activity(self, state: int) -> Activity | None:
-        """The activity of a leaf, if it has one."""
+        """Return the activity of a leaf, if it has one."""
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf.
+        """Return whether the machine waits for an event in a leaf.
 
         The machine leaves any other leaf without an activity at once.
         """
 
 
 def remainder_arrow(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
-    """The arrow of a state that gets the probability that the other arrows leave, if any.
+    """Return the remainder arrow of a state, if any. Its likelihood is 1 minus the sum of all
+    others.
 
-    Only arrows for "done" are candidates. Without any, all arrows but those for "failed" are, if
-    some arrow has a likelihood. The candidate without a likelihood is it, if there is only one.
+    The candidates are the arrows for "done". If there are none and some arrow has a likelihood, the
+    candidates are all arrows except those for "failed". If exactly one candidate has no likelihood
+    of its own, that is the remainder arrow.
     """
     candidates = [arrow for arrow in arrows if arrow.event == DONE]
     if not candidates and any(arrow.model for arrow in arrows):
@@ -72,7 +76,9 @@ class FlatAutomaton:
         return self._states[0].leaf.number
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
+        """Return the transitions of a leaf, in their order. The sum of their likelihoods is at most
+        1.
+        """
         if state not in self._evaluated:
             leaf = self._states[state]
             arrows = arrows_of(leaf)
@@ -83,18 +89,18 @@ class FlatAutomaton:
         return self._evaluated[state]
 
     def activity(self, state: int) -> Activity | None:
-        """The activity of a leaf, if it has one."""
+        """Return the activity of a leaf, if it has one."""
         return self._states[state].activity
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf.
+        """Return whether the machine waits for an event in a leaf.
 
         The machine leaves any other leaf without an activity at once.
         """
         return self._states[state].kind is StateKind.WAIT
 
     def _likelihoods(self, leaf: AuthoredState, arrows: list[AuthoredArrow]) -> list[float]:
-        """The likelihoods of all arrows of a leaf. All are 0 if any of them is unknown."""
+        """Return the likelihoods of all arrows of a leaf. All are 0 if any of them is unknown."""
         found = []
         consequence = f"nothing is foreseen beyond '{leaf.label}'"
         for arrow in arrows:
@@ -111,7 +117,9 @@ class FlatAutomaton:
         return found
 
     def _modelled(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
-        """The likelihood of an arrow by its model: 0 without a model, None if it is unknown."""
+        """Return the likelihood of an arrow by its model: 0 without a model, None if the model
+        knows none.
+        """
         if arrow.model is None:
             return 0.0
         value = arrow.model.value(self._situation, leaf.label, arrow.symbol)

@@ -16,12 +16,14 @@ class LikelihoodModel:
     """The likelihood of a transition. A subclass defines ``value``."""
 
     is_constant = False
-    """Whether its value never changes. The sum of the constants of one state must be at most 1."""
+    """Whether its value never changes. The sum of a state's constant likelihoods must be at most
+    1.
+    """
     variables: Sequence[Variable[Any]] = ()
-    """The variables that it reads."""
+    """The variables that the model reads."""
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is
+        """Return the likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is
         unknown.
         """
         raise NotImplementedError
@@ -36,7 +38,7 @@ class Prior(LikelihoodModel):
         self.likelihood = checked_likelihood(likelihood, "Prior")
 
     def value(self, _situation: Situation, _leaf: str, _symbol: str, /) -> float | None:
-        """The constant."""
+        """Return the constant."""
         return self.likelihood
 
 
@@ -50,8 +52,8 @@ class Learned(LikelihoodModel):
     """The share of a transition in earlier runs; unknown in a state that was never left.
 
     Args:
-        counts: How often each symbol was taken, by (label, symbol), as ``count_transitions``
-            counts.
+        counts: How often each transition was taken, by (label of its state, symbol), as returned by
+            ``count_transitions``.
     """
 
     def __init__(self, counts: Mapping[tuple[str, str], int]) -> None:
@@ -62,7 +64,7 @@ class Learned(LikelihoodModel):
             self._exits[label] = self._exits.get(label, 0) + count
 
     def value(self, _situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The share of this symbol."""
+        """Return the share of this symbol."""
         exits = self._exits.get(leaf, 0)
         return self.counts.get((leaf, symbol), 0) / exits if exits else None
 
@@ -84,7 +86,7 @@ class Perceived(LikelihoodModel):
         self.negated = negated
 
     def value(self, situation: Situation, _leaf: str, _symbol: str, /) -> float | None:
-        """The present confidence."""
+        """Return the present confidence."""
         confidence = situation.confidence(self.variables[0])
         return confidence if confidence is None or not self.negated else 1.0 - confidence
 
@@ -96,7 +98,7 @@ class Computed(LikelihoodModel):
         self.function = function
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The number that the function returns."""
+        """Return the number that the function returns."""
         value = self.function(situation)
         if value is None:
             return None
@@ -131,7 +133,7 @@ class Weighted(LikelihoodModel):
         self.variables = [variable for _, model in self.parts for variable in model.variables]
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The mean of the known likelihoods."""
+        """Return the mean of the known likelihoods."""
         values = [(weight, model.value(situation, leaf, symbol)) for weight, model in self.parts]
         known = [(weight, value) for weight, value in values if value is not None]
         weights = fsum(weight for weight, _ in known)
@@ -154,7 +156,9 @@ def as_model(likelihood: Likelihood) -> LikelihoodModel:
 
 
 def checked_likelihood(likelihood: Any, subject: str) -> float:
-    """The likelihood as a number in [0, 1], without rounding errors. Raises UnsoundMachine."""
+    """Return the likelihood as a number in [0, 1], without rounding errors. Raises
+    UnsoundMachine.
+    """
     if not isinstance(likelihood, int | float) or not -_ROUNDING <= likelihood <= 1 + _ROUNDING:
         raise UnsoundMachine(f"{subject} must be a number in [0, 1], not {likelihood!r:.60}")
     return min(max(float(likelihood), 0.0), 1.0)

@@ -30,16 +30,16 @@ _ACTIVITY_OR_NONE = instance_of("an Activity(Do(...))", Activity).or_none()
 class Coordination(BlockMachine[AuthoredState]):
     """A machine whose states have activities. The first state is entered first.
 
-    States are written inside its ``with`` block, and checked at its end.
+    States are written inside its ``with`` block, and checked at the end of the block.
 
     Args:
         name: The machine's name.
         facts: The facts that hold at the start.
-        watch: Variables that functions read (guards, costs, likelihoods). Guards that are
-            variables, and those of Perceived, are watched anyway.
+        watch: Variables that functions read: guards, costs, likelihoods. A variable that is itself
+            a guard, or is in a Perceived, need not be listed.
 
     Raises:
-        UnsoundMachine: At the end of the block: the machine can't be run as it is written.
+        UnsoundMachine: The machine can't be run as it is written. Raised at the end of the block.
 
     Example::
 
@@ -83,16 +83,16 @@ class Coordination(BlockMachine[AuthoredState]):
         return self._register(AuthoredState(kind, label, self._container_for(label), activity))
 
     def final(self, label: str) -> AuthoredState:
-        """Add the end of the compound in which it is written; outside of any compound, of the
-        machine.
+        """Add a final state. It ends the compound in which it is written, or the machine if there
+        is none.
         """
         return self._register(AuthoredState(StateKind.FINAL, label, self._container_for(label)))
 
     def compound(self, label: str) -> AuthoredState:
         """Add a state that holds the states written inside its ``with`` block.
 
-        Its arrows apply in all of them. Only its arrows for "done" wait until a final state inside
-        is reached.
+        Its arrows apply in all of these states. An arrow for "done" is different: it is taken when
+        a final state inside is reached.
         """
         return self._register(AuthoredState(StateKind.COMPOUND, label, self._container_for(label)))
 
@@ -100,7 +100,7 @@ class Coordination(BlockMachine[AuthoredState]):
 
     @property
     def agents(self) -> list[Agent]:
-        """The agents of its activities, in writing order."""
+        """The agents of the machine's activities, in writing order."""
         tasks = [task for state in self.states if state.activity for task in state.activity.tasks]
         return list(dict.fromkeys(agent for task in tasks for agent in task.agents))
 
@@ -110,29 +110,31 @@ class Coordination(BlockMachine[AuthoredState]):
 
     @property
     def events(self) -> set[str]:
-        """The events that its arrows name, except "done" and "failed"."""
+        """The events of the machine's arrows, except "done" and "failed"."""
         return {arrow.event for arrow in self._arrows} - {DONE, FAILED}
 
     @property
     def variables(self) -> list[Variable[Any]]:
-        """The variables that it reads."""
+        """The variables that the machine reads."""
         of_arrows = [variable for arrow in self._arrows for variable in arrow.variables]
         return list({variable.name: variable for variable in (*self._watch, *of_arrows)}.values())
 
     @property
     def chart(self) -> MachineChart:
-        """Its structure as data. Raises MisuseError while the machine is being written."""
+        """The structure of the machine as data. Raises MisuseError while the machine is being
+        written.
+        """
         agents = [agent.name for agent in self.agents]
         return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
-        """The machine with its likelihoods in a situation. *mistakes* receives the errors of
+        """Return the machine with its likelihoods in a situation. *mistakes* receives the errors of
         functions.
         """
         return FlatAutomaton(self.states, situation, mistakes or Mistakes())
 
     def interpreter(self) -> Interpreter:
-        """A new interpreter of the machine, in its first state."""
+        """Return a new interpreter of the machine, in its first state."""
         return Interpreter(self.states)
 
     def draw(self, path: str | Path, report: CoordinationReport | None = None) -> None:

@@ -19,7 +19,8 @@ class Mistakes:
         self._reported = set[str]()
 
     def value_or(self, value: T, consequence: str, function: Callable[[], T]) -> T:
-        """Return the result of a function. If it raises, report that and return *value*.
+        """Return the result of a function. If the function raises, report the error and return
+        *value*.
 
         *consequence* describes the effect of the error, for the report.
         """

@@ -30,9 +30,10 @@ def check_machine(states: list[AuthoredState], facts: Mapping[str, Fact]) -> Non
 
 
 def _check_events(state: AuthoredState) -> None:
-    """Check that the events of its arrows can occur.
+    """Check that the events of a state's arrows can occur.
 
-    Activities fail and are done. A compound is done if it has a final state.
+    "done" and "failed" occur if the state has an activity. In a compound, "done" needs a final
+    state inside.
     """
     events = {arrow.event for arrow in state.arrows}
     match state.kind:
@@ -147,7 +148,7 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
 
 
 def _cycle(successors: Mapping[AuthoredState, AuthoredState]) -> list[AuthoredState]:
-    """A cycle of states that follow each other. Its first state is also the last."""
+    """Return a cycle of states that follow each other. Its first state is also the last."""
     path = [next(iter(successors))]
     while path.count(path[-1]) == 1:
         path.append(successors[path[-1]])

@@ -16,7 +16,7 @@ DONE, FAILED = "done", "failed"
 """The events of a state's own activity."""
 
 Guard = Variable[Any] | Callable[[Situation], bool]
-"""It holds if the variable is true or at least 0.5, or if the function returns True."""
+"""A guard holds if the variable is true or at least 0.5, or if the function returns True."""
 
 
 class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
@@ -33,7 +33,7 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         self.activity = activity
 
     def lines(self) -> Iterator[str]:
-        """Its tasks, with the agents that they need."""
+        """Yield the tasks of the state's activity, with the agents that they need."""
         for task in self.activity.tasks if self.activity is not None else ():
             agents = "+".join(agent.name for agent in task.agents)
             yield short_line(task.text) + (f" ({agents})" if agents else "")
@@ -90,14 +90,14 @@ class AuthoredArrow(Arrow[AuthoredState]):
 
     @property
     def is_inherited(self) -> bool:
-        """Whether it also leaves the states inside its source. False if the end of a compound takes
-        it.
+        """Whether the arrow also leaves the states inside its source. False for an arrow that is
+        taken at the end of a compound.
         """
         return self.event != DONE or self.source.kind is not StateKind.COMPOUND
 
     @property
     def is_impossible(self) -> bool:
-        """Whether its likelihood is the constant 0, so that it is never taken."""
+        """Whether the likelihood is the constant 0. Such an arrow is never taken."""
         return (
             self.model is not None
             and self.model.is_constant
@@ -106,13 +106,13 @@ class AuthoredArrow(Arrow[AuthoredState]):
 
     @property
     def variables(self) -> list[Variable[Any]]:
-        """The variables that its guard and its likelihood read."""
+        """The variables that the arrow's guard and likelihood read."""
         of_guard = [self.guard] if isinstance(self.guard, Variable) else []
         of_model = self.model.variables if self.model is not None else ()
         return [*of_guard, *of_model]
 
     def holds(self, situation: Any = None) -> bool:
-        """Whether its guard allows it in the present situation."""
+        """Return whether the guard allows the arrow in the present situation."""
         if self.guard is None:
             return True
         if isinstance(self.guard, Variable):

@@ -18,13 +18,13 @@ class BareArrow(NamedTuple):
 
     target: int
     is_failure: bool = False
-    """Whether it is taken when an activity fails, or can't begin."""
+    """Whether the arrow is taken when an activity fails, or can't begin."""
 
 
 def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
-    """For each leaf, the facts that a branch after it may need unchanged.
+    """For each leaf, return the facts that a branch after the leaf may need unchanged.
 
-    The value of a fact is the leaf where that branch starts. An arrow whose likelihood is the
+    The value for each fact is the leaf where that branch starts. An arrow whose likelihood is the
     constant 0 starts no branch.
     """
     leaves = [state for state in machine.states if state.leaf is state]
@@ -44,10 +44,11 @@ def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
 def live_facts(
     arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
 ) -> dict[int, dict[str, int]]:
-    """For each state, the facts that some path after it needs before the path changes them.
+    """For each state, return the facts that some path after the state needs unchanged.
 
-    The value of a fact is the first state of that path. A state without arrows is an end, and needs
-    all facts: the next run builds on the values that this run leaves.
+    That is, an activity on the path needs the fact before any activity on the path changes it. The
+    value for each fact is the first state of that path. A state without arrows is an end. It needs
+    all facts that any activity changes, because the next run builds on their values.
     """
     changed = set().union(*(activity.makes for activity in activities.values()))
     needed_at: dict[int, set[str]] = {
@@ -56,7 +57,7 @@ def live_facts(
     is_stable = False
     while not is_stable:
         is_stable = True
-        # Needs travel against the arrows, so the last states first take the fewest rounds.
+        # Needs spread against the arrows. To begin with the last states takes the fewest rounds.
         for state in reversed([state for state in arrows if arrows[state]]):
             live = _live_before(arrows[state], needed_at, activities.get(state))
             if live != needed_at[state]:
@@ -75,16 +76,18 @@ def live_facts(
 def _live_before(
     arrows: Sequence[BareArrow], needed_at: Mapping[int, set[str]], activity: Activity | None
 ) -> set[str]:
-    """The facts that a state, or a state after it, needs unchanged when it is entered."""
+    """Return the facts that must be unchanged when a state is entered, for itself or a later
+    state.
+    """
     later = set().union(*(needed_at[arrow.target] for arrow in arrows))
     if activity is None:
         return later
     live = activity.needs.keys() | (later - activity.makes.keys())
-    if activity.needs:  # if its needs do not hold, the activity fails and has changed nothing
+    if activity.needs:  # an activity whose needs do not hold fails and changes nothing
         live |= set().union(*(needed_at[arrow.target] for arrow in arrows if arrow.is_failure))
     return live
 
 
 def first_harmed_fact(activity: Activity, needed: Mapping[str, int]) -> str | None:
-    """The first fact that an activity changes and a branch needs unchanged, if any."""
+    """Return the first fact that an activity changes and a branch needs unchanged, if any."""
     return next((fact for fact in activity.makes if fact in needed), None)

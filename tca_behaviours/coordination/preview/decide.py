@@ -1,5 +1,6 @@
-"""Which activities start, continue or stop ahead of their states: a coordinator asks at every
-event.
+"""Decides which activities start, continue or stop ahead of their states.
+
+A coordinator asks for a decision at every event.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -26,9 +27,9 @@ class WorkPhase(StrEnum):
     DONE = "done"
     FAILED = "failed"
     STOPPING = "stopping"
-    """It was asked to stop, and has not ended yet."""
+    """The activity was asked to stop, and has not ended yet."""
     RESTORING = "restoring"
-    """The tasks that undo it are running."""
+    """The tasks that undo the activity are running."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,11 @@ class Present:
     current: int
     """The current state of the machine. Its activity is not part of ``work``."""
     facts: Mapping[str, Fact]
-    """The facts of the robot now, as early work, too, has changed them. A fact that running work
+    """The facts of the robot now, including the changes by early work. A fact that running work
     makes is absent.
     """
     situation: Situation
-    """The situation as a machine without a preview sees it."""
+    """The situation as a machine without a preview would see it."""
     is_done: bool = False
     """Whether the current activity is done, and the machine waits for an event."""
     is_new: bool = False
@@ -73,9 +74,9 @@ class Decision:
     stops: list[Objection] = field(default_factory=list)
     """Early work that has become useless, whether it runs, is done or has failed."""
     refused: list[Objection] = field(default_factory=list)
-    """Activities of the list that do not start now, with the reasons.
+    """Activities of the preview list that do not start now, with the reasons.
 
-    The current activity is one of them if no state is foreseen after it.
+    The current activity is in this list, too, if no state is foreseen after the current one.
     """
 
 
@@ -111,8 +112,8 @@ class _DecisionMaker:
         self.decision = decision
         self.mistakes = ahead.mistakes
         self.work = {work.state: work for work in present.work}
-        self.reserved_earlier = Reservations()  # for the activities that come first
-        self.reserved_by_running = Reservations()  # for all running activities, in any order
+        self.reserved_earlier = Reservations()  # of the activities considered so far
+        self.reserved_by_running = Reservations()  # of all running activities
         self.allotted_places = Places()  # of the activities considered so far
         self.held_places = Places()  # of the activities that run now
         self.uncertain = set(present.spoilt)  # facts whose values may be undone
@@ -184,9 +185,9 @@ class _DecisionMaker:
         return self.present.situation.progress
 
     def _progress(self, state: int) -> float:
-        """The progress of a foreseen state's activity, as later activities see it.
+        """Return the progress of a foreseen state's activity, for the decision on later activities.
 
-        It is 1 while the activity runs without reporting progress.
+        The progress is 1 while an activity runs that can't report progress.
         """
         activity, work = self.automaton.activity(state), self.work.get(state)
         if activity is None or work is None:
@@ -199,7 +200,7 @@ class _DecisionMaker:
     def _candidate(
         self, index: int, foreseen: Foreseen, activity: Activity, before: int, progress: float
     ) -> Candidate:
-        """The candidate that the policy sees. *progress* is that of the state *before*."""
+        """Return the candidate that the policy sees. *progress* is that of the state *before*."""
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
         cost = self._evaluate(activity, lambda: activity.cost(self.present.situation))
@@ -243,7 +244,7 @@ class _DecisionMaker:
         if not share:
             return
         if agent := self.held_places.full_agent(activity.tasks):
-            # Work that runs at this agent, although it comes later, must end first.
+            # This agent is busy with work of a later state, which must end first.
             self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
             return
         self.held_places.occupy(activity.tasks)
@@ -281,14 +282,16 @@ class _DecisionMaker:
         return share
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
-        """The share of full speed by the policy; NaN if the policy or the cost raises an error."""
+        """Return the share of full speed by the policy; NaN if the policy or the cost raises an
+        error.
+        """
         if isnan(candidate.cost):
             return nan
         share = self._evaluate(activity, lambda: checked_share(self.policy.share(candidate)))
         return share if activity.adapt is not None or share == 1 or isnan(share) else 0.0
 
     def _evaluate(self, activity: Activity, function: Callable[[], float]) -> float:
-        """The result of a function; NaN if it raises an error."""
+        """Return the result of a function; NaN if it raises an error."""
         return self.mistakes.value_or(nan, f"{activity!r} does not run early", function)
 
     # --- objections -------------------------------------------------------------------------------
@@ -296,7 +299,7 @@ class _DecisionMaker:
     def _objection_to_run(
         self, state: int, activity: Activity, *, is_running: bool
     ) -> Objection | None:
-        """The reason why an activity must not run now, if any.
+        """Return the reason why an activity must not run now, if any.
 
         Running work may itself have changed the facts that it needed at its start.
         """
@@ -307,7 +310,7 @@ class _DecisionMaker:
         return self.reserved_earlier.objection_to(state, activity.needs, activity.makes)
 
     def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
-        """The reason why an activity must not start now, if any."""
+        """Return the reason why an activity must not start now, if any."""
         if objection := self.reserved_by_running.objection_to(
             state, activity.needs, activity.makes
         ):
@@ -316,12 +319,12 @@ class _DecisionMaker:
             return Objection(state, Reason.BRANCH, fact, self.needed[fact])
         uncertain = next((fact for fact in activity.makes if fact in self.uncertain), None)
         spoilt = self.uncertain & self.needed.keys()
-        if uncertain and spoilt:  # undoing the spoilt work would undo this result, too
+        if uncertain and spoilt:  # to undo the spoilt facts would undo this result, too
             return Objection(state, Reason.BRANCH, uncertain, self.needed[min(spoilt)])
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
-        """The reason to stop work that is not foreseen any more, if any.
+        """Return the reason to stop work whose state is not foreseen any more, if any.
 
         Work that is done stays until the next transition, unless a running activity needs or
         changes its facts.

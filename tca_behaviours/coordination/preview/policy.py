@@ -21,22 +21,25 @@ class Candidate:
     probability: float
     """The probability of the whole path to its state."""
     progress_before: float
-    """The progress of the activity before it, in [0, 1].
+    """The progress of the activity before this one, in [0, 1].
 
-    0 before that begins, and in a wait for an event. 1 once it runs if it can't report progress.
+    It is 0 until the activity before begins, and 0 if that state only waits for an event. If the
+    activity before can't report progress, it is 1 as soon as that activity runs.
     """
     cost: float
-    """The cost of doing it in vain."""
+    """The cost of this activity if it runs in vain."""
     undo_cost: float = 0.0
-    """The cost of undoing it: equal to ``cost`` if a branch may need that, otherwise 0."""
+    """The cost of undoing this activity. Equal to ``cost`` if the activity changes a fact that a
+    branch may need; otherwise 0.
+    """
     progress: float = 0.0
-    """Its own progress, in [0, 1]."""
+    """The progress of this activity, in [0, 1]."""
     share: float = 0.0
-    """The share of full speed at which it runs early now; 0: it does not run."""
+    """The share of full speed at which this activity runs early now; 0: it does not run."""
     progress_of_current: float = 0.0
     """The progress of the current activity, in [0, 1]; 1 if its tasks can report none."""
     state_before: int = -1
-    """The state whose activity comes before it."""
+    """The state whose activity comes before this one."""
 
 
 Utility = Callable[[Candidate], float]
@@ -44,10 +47,11 @@ Utility = Callable[[Candidate], float]
 
 
 def expected_gain(candidate: Candidate) -> float:
-    """The expected gain of an activity that runs early: ``p * b - (1 - p) * (1 - x) * (C + D)``.
+    """Return the expected gain of an activity that runs early: ``p * b - (1 - p) * (1 - x) * (C +
+    D)``.
 
-    p is the probability of its path, b the progress of the activity before, x its own progress. C
-    is its cost, and D the cost of undoing it.
+    p is the probability of the activity's path, x its progress, and C its cost. b is the progress
+    of the activity before. D is the cost of undoing the activity.
     """
     gain = candidate.probability * candidate.progress_before
     loss = (
@@ -59,7 +63,7 @@ def expected_gain(candidate: Candidate) -> float:
 
 
 def progress_only(candidate: Candidate) -> float:
-    """The progress of the activity before, and nothing else."""
+    """Return the progress of the activity before, and nothing else."""
     return candidate.progress_before
 
 
@@ -79,16 +83,16 @@ class Policy:
         self.utility = utility
 
     def wanted(self, utility: float) -> float:
-        """The share in [0, 1] for a utility; it must not fall as the utility grows. 0: do not run
-        early.
+        """Return the share in [0, 1] for a utility; 0: do not run early. The share must not fall as
+        the utility grows.
         """
         raise NotImplementedError
 
     def share(self, candidate: Candidate) -> float:
-        """The share of full speed for an activity.
+        """Return the share of full speed for an activity.
 
-        The progress of the activity before decides only when this one starts. It does not slow down
-        a running activity, which keeps its speed until its path has become too unlikely.
+        The progress of the activity before decides only when this one starts. A running activity
+        keeps its speed until its path has become too unlikely.
         """
         share = self.wanted(self.utility(candidate))
         if not candidate.share:
@@ -137,13 +141,15 @@ class Continuous(Policy):
             raise MisuseError(f"from_ must be less than to, not {from_!r} with to={to!r}")
 
     def wanted(self, utility: float) -> float:
-        """The share, in tenths."""
+        """Return the share, in tenths."""
         if utility >= self.to:
             return 1.0
         return floor(10 * max(utility - self.from_, 0.0) / (self.to - self.from_)) / 10
 
 
 def checked_share(share: float) -> float:
-    """The share that a policy returned. Raises MisuseError unless it is a number in [0, 1]."""
+    """Return the share that a policy returned. Raises MisuseError unless it is a number in [0,
+    1].
+    """
     check("a policy", _SHARE, share=share)
     return share

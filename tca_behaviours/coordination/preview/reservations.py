@@ -15,13 +15,13 @@ class Reservations:
     def __init__(self) -> None:
         self._needed: dict[str, int] = {}  # by fact, the state whose activity needs it
         self._made: dict[str, int] = {}
-        self._being_made: dict[str, int] = {}  # the part of _made that is not done
+        self._being_made: dict[str, int] = {}  # the same for activities that are not done
 
     def add(
         self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False
     ) -> None:
-        """Reserve the facts of an activity. Once it *is done*, later activities may need the facts
-        that it has made.
+        """Reserve the facts of an activity. Once the activity *is done*, later activities may need
+        the facts that it has made.
         """
         for fact in needs:
             self._needed.setdefault(fact, state)
@@ -33,7 +33,9 @@ class Reservations:
     def objection_to(
         self, state: int, needs: Iterable[str], makes: Iterable[str]
     ) -> Objection | None:
-        """The objection for the first fact that an activity may not change or need, if any."""
+        """Return the objection for the first fact that an activity may not change or need, if
+        any.
+        """
         pairs = [(fact, reserved) for fact in makes for reserved in (self._made, self._needed)]
         pairs += [(fact, self._being_made) for fact in needs]
         for fact, reserved in pairs:
@@ -53,7 +55,7 @@ class Places:
         self._taken.update(agent for task in tasks for agent in task.agents)
 
     def full_agent(self, tasks: Iterable[Do]) -> Agent | None:
-        """The first agent that has too few free places for these tasks, if any."""
+        """Return the first agent that has too few free places for these tasks, if any."""
         for agent, places in Counter(agent for task in tasks for agent in task.agents).items():
             if self._taken[agent] + places > agent.tasks:
                 return agent

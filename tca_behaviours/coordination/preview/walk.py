@@ -1,8 +1,8 @@
 """The preview list: the most probable path from a state to the next steady one.
 
 The search extends the most probable path first (Dijkstra), so the first path that reaches a steady
-state is the most probable of all. If each state has one likely arrow, it visits hardly any other
-state.
+state is the most probable of all. If each state has one likely arrow, the search visits hardly any
+state beside the path.
 """
 
 from collections.abc import Iterator
@@ -43,7 +43,7 @@ class PreviewLimits:
         check("PreviewLimits", checks.MAXIMUM, horizon=self.horizon)
 
     def is_steady(self, automaton: Automaton, state: int) -> bool:
-        """Whether a preview ends in this state."""
+        """Return whether a preview ends in this state."""
         likelihoods = [arrow.likelihood for arrow in automaton.arcs(state)]
         return 1 - fsum(likelihoods) >= self.final or max(likelihoods) <= self.transition
 
@@ -65,7 +65,7 @@ class _Path:
     ) -> None:
         self.state = state
         self.before = before
-        self.place = place  # of the last arrow, among those of the state that it leaves
+        self.place = place  # the place of the last arrow among the arrows of its source
         self.likelihood = likelihood
         self.length: int = before.length + 1 if before else 0
         mantissa, exponent = frexp(likelihood * before.mantissa if before else 1.0)
@@ -78,8 +78,8 @@ class _Path:
         return ldexp(self.mantissa, self.exponent)
 
     def __lt__(self, other: "_Path") -> bool:
-        """Whether this path comes first: more probable, else shorter, else by the order of its
-        arrows.
+        """Return whether this path comes first. The more probable path does, or else the shorter
+        one, or else the one whose arrows are written first.
         """
         if self.exponent != other.exponent:
             return self.exponent > other.exponent
@@ -93,7 +93,7 @@ class _Path:
         return mine.place < others.place
 
     def foreseen(self) -> list[Foreseen]:
-        """The states after the first one."""
+        """Return the states after the first one."""
         found = []
         path = self
         while path.before is not None:
@@ -105,12 +105,12 @@ class _Path:
 def most_likely(
     automaton: Automaton, state: int, limits: PreviewLimits = _NO_LIMITS
 ) -> list[Foreseen]:
-    """The most probable path from a state to the first steady state on it, which is included.
+    """Return the most probable path from a state to a steady state. The steady state is included.
 
-    It is empty if the current state is steady. It ends after *horizon* states at the latest. Among
-    equally probable paths, the shortest comes first, then the one whose arrows are written first.
-    If no steady state can be reached, it follows the likeliest arrow of each state until a state
-    repeats.
+    The path is empty if the current state is steady. It ends after ``limits.horizon`` states at the
+    latest. Among equally probable paths, the shortest comes first, then the one whose arrows are
+    written first. If no steady state can be reached, the path follows the likeliest arrow of each
+    state until a state repeats.
 
     Args:
         automaton: The machine in its present situation.

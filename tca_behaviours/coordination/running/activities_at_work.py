@@ -1,8 +1,8 @@
 """The activities that a run has started: the current one, early work, and wasted work to undo.
 
-There are two sets of facts. The *plain* facts are changed only by activities whose states were
-entered. Guards and likelihoods read them, so that the machine moves as it would without a preview.
-The *actual* facts are those of the robot now: early work changes them, too.
+There are two sets of facts. Only activities of entered states change the *plain* facts. Guards and
+likelihoods read the plain facts, so that the machine moves as it would without a preview. The
+*actual* facts are those of the robot now. Early work, too, changes them.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -23,7 +23,7 @@ _LOG = log_of("coordination")
 
 
 class ActivitiesAtWork:
-    """The activities that a run has started and that still run, or still must be undone."""
+    """The activities of a run that are running, or that must still be undone."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class ActivitiesAtWork:
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has started."""
         self.kept = self.wasted = 0
-        """The numbers of early tasks that were kept and that were wasted."""
+        """The number of early tasks that were kept, and the number of wasted early tasks."""
         self._plain = KnownFacts(facts)
         self._actual = KnownFacts(facts)
         self._task = task
@@ -83,7 +83,9 @@ class ActivitiesAtWork:
         return [task.sent for work in self._all() for task in work.tasks if not task.is_over]
 
     def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
-        """The state of the run in a machine state. *is_new*: no decision was made in it yet."""
+        """Return the state of the run in a machine state. *is_new*: no decision was made in that
+        machine state yet.
+        """
         phases = [(each, _phase(each)) for each in self._early.values()]
         phases += [(each, WorkPhase.STOPPING) for each in self._stopping]
         work = [EarlyWork(each.state, phase, each.progress, each.share) for each, phase in phases]
@@ -112,8 +114,9 @@ class ActivitiesAtWork:
     def begin(self, state: int, activity: Activity) -> str:
         """Start the activity of the current state, unless it must wait.
 
-        It waits until conflicting work has ended and spoilt facts are restored. Returns the unmet
-        needs for which it can never start; "" if it has started or waits.
+        The activity waits until conflicting work has ended and spoilt facts are restored. Returns
+        "" if the activity has started or waits. Returns the unmet needs if the activity can never
+        start.
         """
         if unmet := self._plain.unmet(activity):
             return unmet
@@ -135,7 +138,7 @@ class ActivitiesAtWork:
         return ""
 
     def undo_next(self) -> None:
-        """Start to undo the newest wasted work, if no other is being undone."""
+        """Start to undo the newest wasted work, if no other work is being undone."""
         if self._restoring is None and (spoiler := next(self._undoable(), None)) is not None:
             self._undo(spoiler)
 
@@ -148,8 +151,8 @@ class ActivitiesAtWork:
     def enter(self, state: int) -> bool:
         """Enter a state, and make its early work, if any, the current activity.
 
-        Early work is dropped if it has failed, or if its activity could not start here without a
-        preview. Returns whether early work was kept.
+        Early work is dropped if it has failed, or if the plain facts do not meet its needs. Returns
+        whether early work was kept.
         """
         work = self._early.get(state)
         if work is None:
@@ -167,8 +170,8 @@ class ActivitiesAtWork:
         return True
 
     def _begin_entered(self, activity: Activity) -> None:
-        """Apply the start of an entered state's activity: facts that it makes are not spoilt any
-        more.
+        """Apply the start of an entered state's activity to the facts. Facts that the activity
+        makes are not spoilt any more.
         """
         self._plain.begin(activity)
         for spoiler in self._spoilers:
@@ -179,8 +182,8 @@ class ActivitiesAtWork:
     def begin_early(
         self, state: int, activity: Activity, share: float, rank: int, data: list[Any]
     ) -> None:
-        """Start the activity of a foreseen state at a share of full speed; *data* are for that
-        share.
+        """Start the activity of a foreseen state at a share of full speed. *data* are its tasks'
+        data for that share.
         """
         work = StartedActivity(state, activity, TaskRole.AHEAD, self._actual.begin(activity))
         work.share, work.rank, work.data = share, rank, data
@@ -188,7 +191,7 @@ class ActivitiesAtWork:
         self._start(work)
 
     def early_work(self, state: int) -> StartedActivity | None:
-        """The early work of a state, if any."""
+        """Return the early work of a state, if any."""
         return self._early.get(state)
 
     def update_tasks(self) -> None:
@@ -213,10 +216,11 @@ class ActivitiesAtWork:
         self._spoilers = [*(each for each in self._spoilers if each.spoilt), work]
 
     def _first_to_undo(self, activity: Activity) -> StartedActivity | None:
-        """The newest wasted work that must be undone before an activity, if any.
+        """Return the newest wasted work that must be undone before an activity, if any.
 
-        Such work has spoilt a fact that the activity needs. Or it has spoilt facts of which the
-        activity makes only a part: to undo the others later would undo that part, too.
+        Such work has spoilt a fact that the activity needs. Or it has spoilt several facts, and the
+        activity makes only some of them. To undo the other facts later would undo the activity's
+        facts, too.
         """
         needs, makes = activity.needs.keys(), activity.makes.keys()
         for spoiler in self._undoable():
@@ -229,7 +233,7 @@ class ActivitiesAtWork:
         return (each for each in reversed(self._spoilers) if each.activity.undo and each.spoilt)
 
     def _undo(self, spoiler: StartedActivity) -> None:
-        """Start to undo wasted work, unless running work conflicts with that."""
+        """Start to undo wasted work, unless running work conflicts with the tasks that undo it."""
         makes = spoiler.activity.makes
         activity = Activity(*spoiler.activity.undo, makes=makes, progress=_no_progress)
         if any(each.conflicts_with(activity) for each in self._all()):
@@ -250,7 +254,7 @@ class ActivitiesAtWork:
         self._role_changed.append(work)
 
     def _on_change(self, task: ActivityTask, change: Change) -> None:
-        """Enqueue a change of a task: this is called in the middle of other work."""
+        """Enqueue a change of a task, because this is called in the middle of other work."""
         self._enqueue(lambda: self._process_change(task, change))
 
     def _process_change(self, task: ActivityTask, change: Change) -> None:
@@ -294,7 +298,9 @@ class ActivitiesAtWork:
             spoiler.spoilt.clear()
 
     def _restore_facts(self, spoiler: StartedActivity) -> None:
-        """Restore the spoilt facts of wasted work: the robot is as it was before that work."""
+        """Restore the spoilt facts of wasted work, because the robot is as it was before that
+        work.
+        """
         for name in spoiler.spoilt & spoiler.facts_before.keys():
             self._actual.known[name] = spoiler.facts_before[name]
         spoiler.spoilt.clear()
@@ -335,5 +341,5 @@ def _phase(work: StartedActivity) -> WorkPhase:
 
 
 def _no_progress(_report: object) -> float:
-    """The progress of an activity that undoes another one: nothing depends on it."""
+    """Return 0 for an activity that undoes another one: nothing depends on its progress."""
     return 0.0

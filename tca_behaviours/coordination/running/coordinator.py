@@ -34,8 +34,8 @@ _LIMITS_OR_NONE = instance_of("PreviewLimits(...)", PreviewLimits).or_none()
 class Coordinator:
     """Runs a coordination machine, as a task of a module.
 
-    It sends the tasks of the current activity, and those of likely later states early. All of them
-    hang below its own task.
+    It sends the tasks of the current activity. It also sends the tasks of likely later states,
+    early. All these tasks hang below the coordinator's own task.
 
     Example::
 
@@ -69,7 +69,7 @@ class Coordinator:
         check("Coordinator", DURATION, patience=patience)
         self.machine = machine
         self.chart = machine.chart
-        """The machine as data, which are the data of its command."""
+        """The machine as data. These are also the data of the coordinator's command."""
         self.message = Command(
             f"coordinate {machine.name}",
             MachineChart,
@@ -86,7 +86,9 @@ class Coordinator:
         self._patience = patience
         self._failures = RecordedFailures(self.message.name)
         self._interpreter: Interpreter | None = None
-        """All runs use it, one at a time; None if another program handles them."""
+        """The interpreter of all runs, one run at a time. None if another program handles the
+        runs.
+        """
         self._module_name = ""
         """The name of the module that handles the runs."""
         self._run: CoordinationRun | None = None
@@ -102,7 +104,7 @@ class Coordinator:
     def handle_in(self, module: Module) -> None:
         """Let a module run the machine, one run at a time.
 
-        The module also watches the machine's variables. Call it before the module runs.
+        The module also watches the machine's variables. Call ``handle_in`` before the module runs.
 
         Args:
             module: The module; it can have only one coordinator.
@@ -202,8 +204,8 @@ class Coordinator:
                 self._events_before_run.append((assigned, event.event))
 
     def _assigned_task(self, task: Task) -> TaskId | None:
-        """The task of a run that central has assigned to this module, if any. The handler of the
-        run is about to start.
+        """Return the task of a run that central has assigned to this module, if any. The run's
+        handler is about to start.
         """
         for ref in task.tasks(self.message):
             info = ref.info()

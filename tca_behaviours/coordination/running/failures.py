@@ -1,8 +1,8 @@
 """Failures of the tasks that a coordinator has sent: they are recorded, and the machine reacts.
 
-The exception handler is attached to the coordinator's message. Central asks it after the handlers
-attached to the failing task, to its message and to the coordinator's task, and before those of the
-root.
+The exception handler is attached to the coordinator's message. Central asks this handler after
+those attached to the failing task, its message and the coordinator's task. It asks the root's
+handlers later.
 """
 
 from itertools import takewhile
@@ -23,7 +23,9 @@ class RecordedFailure(NamedTuple):
     """Plain values."""
 
     def error_of(self, sent: SentTask[Any]) -> TaskFailed:
-        """The error with which the coordinator fails if the machine has no arrow for it."""
+        """Return the error with which the coordinator fails if the machine has no arrow for the
+        failure.
+        """
         body = b"" if self.data is None else msgspec.msgpack.encode(self.data)
         return TaskFailed(repr(sent), self.name, self.text, body)
 

@@ -13,7 +13,9 @@ class MachineEvent(msgspec.Struct, frozen=True):
 
 
 COORDINATION_EVENT = Broadcast("coordination event", MachineEvent)
-"""Sends an event to coordinators. A machine whose current state has no arrow for it ignores it."""
+"""Sends an event to coordinators. A machine ignores the event if its current state has no arrow for
+it.
+"""
 
 
 class CoordinationEnd(msgspec.Struct, frozen=True):
@@ -22,7 +24,7 @@ class CoordinationEnd(msgspec.Struct, frozen=True):
     state: str
     """The final state that the machine has reached."""
     transitions: int
-    """The number of transitions that it has taken."""
+    """The number of transitions that the machine has taken."""
     kept: int
     """The number of tasks that were sent early and kept, because their state was entered."""
     wasted: int
@@ -33,4 +35,6 @@ ACTIVITY_STOPPED = Failure("activity stopped")
 """A task of the current activity was killed, and its state has no arrow for "failed"."""
 
 NEEDS_NOT_MET = Failure("needs not met")
-"""An entered state's activity needs a fact that does not hold, and has no arrow for "failed"."""
+"""The activity of an entered state needs a fact that does not hold, and the state has no arrow for
+"failed".
+"""

@@ -1,6 +1,6 @@
 """One run of a machine: it receives changes and events, and starts and stops activities.
 
-All of it runs in the thread that handles the coordinator's task. The thread waits for the next
+The whole run is in the thread that handles the coordinator's task. The thread waits for the next
 event. Then the machine advances as far as it can, and a new preview is computed.
 """
 
@@ -40,7 +40,7 @@ class CoordinationRun:
         failures: RecordedFailures,
         patience: float,
     ) -> None:
-        """*interpreter* is that of the machine, in its first state."""
+        """*interpreter* is the machine's interpreter, in the first state of the machine."""
         self._machine = machine
         self._look_ahead = look_ahead
         self._task = task
@@ -57,10 +57,13 @@ class CoordinationRun:
         self._failed_since_event = set[int]()
         """The states whose activity could not start since the last event arrived.
 
-        If one of them were entered again without a new event, the machine would never stop.
+        If the machine enters such a state again without a new event, the run fails. Otherwise the
+        machine might never stop.
         """
         self._was_begun = False
-        """Whether the activity of the current state, if any, was told to start: it may wait."""
+        """Whether the run has tried to start the activity of the current state, if any. The
+        activity may have to wait.
+        """
         self._unreported: list[TakenArrow] = []
         """The transitions since the last report."""
         self._last_report: CoordinationReport | None = None
@@ -81,7 +84,7 @@ class CoordinationRun:
         self._task.wake()
 
     def run_to_end(self) -> CoordinationEnd:
-        """Run the machine to its end. No task that it has started outlives it."""
+        """Run the machine to its end. No task of the machine outlives this call."""
         try:
             for variable in self._machine.variables:
                 self._variables[variable.name] = self._task.get_variable(variable, None)
@@ -148,7 +151,7 @@ class CoordinationRun:
         )
 
     def _begin_current(self) -> None:
-        """Start the activity of the current state, if it has one that need not wait.
+        """Start the activity of the current state, if it has one and that activity need not wait.
 
         If the machine has ended, undo wasted work.
         """

@@ -26,19 +26,19 @@ class ActivityTask:
         Args:
             under: The coordinator's task.
             do: The task, as it is written.
-            data: Its data: the written ones, or those for another speed.
+            data: The data of the task: as written, or for another speed.
             activity: Its activity.
-            rank: Its place in the preview list; 0 if its state is entered.
+            rank: The place of the activity in the preview list; 0 if its state is entered.
             on_change: Called with each change of the task.
         """
         self.do = do
         self.progress = 0.0
         self.has_begun = False
-        """Whether a handler has received it."""
+        """Whether a handler has received the task."""
         self.is_over = False
         self.failure: RecordedFailure | None = None
         self.killed = ""
-        """Why it was killed; "" if it was not."""
+        """Why the task was killed; "" if it was not."""
         self._activity = activity
         self._data = data
         send: Any = under.command if isinstance(do.message, Command) else under.goal
@@ -48,13 +48,13 @@ class ActivityTask:
 
     @property
     def has_failed(self) -> bool:
-        """Whether it ended, and not as done."""
+        """Whether the task has failed or was killed."""
         return self.failure is not None or bool(self.killed)
 
     def process_change(
         self, change: Change, failures: RecordedFailures, mistakes: Mistakes
     ) -> None:
-        """Process a change of its state or its progress.
+        """Process a change of the task's state or progress.
 
         *mistakes* receives the errors of the function that reads the progress.
         """
@@ -78,24 +78,26 @@ class ActivityTask:
             self.killed = change.text or "its end was not seen"
 
     def update(self, data: Any) -> None:
-        """Send new data to its handler. A handler that refuses them continues as before."""
+        """Send new data to the task's handler. A handler that refuses the data continues as
+        before.
+        """
         if self.is_over or data is self._data:
             return
         encode = self.do.message.encode_data
         try:
             if encode(data) != encode(self._data):  # == of arrays gives no bool: compare bytes
                 self.sent.update_send(data)
-        except Refused:  # try again later: it has not begun, or is still applying the last update
+        except Refused:  # try again later: the task has not begun, or still applies the last update
             return
         self._data = data
 
     def request_end(self, why: str) -> None:
-        """Ask its handler to end it."""
+        """Ask the handler to end the task."""
         if self.is_over:
             return
         try:
             self.sent.cancel(why)
-        except MisuseError:  # its life cycle has no cancel
+        except MisuseError:  # the life cycle of the task has no cancel
             self.sent.kill(why)
 
 
@@ -109,10 +111,10 @@ class StartedActivity:
         self.activity = activity
         self.role = role
         self.facts_before = facts_before
-        """The values of the facts that it makes before it started."""
+        """The facts that the activity makes, with their values before it started."""
         self.spoilt = set[str]()
-        """If it is wasted: the facts that it has changed, and that no task has set or restored
-        since.
+        """The facts that wasted work has changed, and that no task has set or restored since. Empty
+        for other work.
         """
         self.share = 1.0
         """The share of its full speed."""
@@ -122,10 +124,12 @@ class StartedActivity:
         """The data of its tasks, for that share and rank."""
         self.tasks: list[ActivityTask] = []
         self.kill_at: float | None = None
-        """The time at which it is killed if it still runs; None if it was not asked to end."""
+        """The time at which the activity is killed if it still runs; None if it was not asked to
+        end.
+        """
         self.is_killed = False
         self.has_set_facts = False
-        """Whether the facts that it makes were set, because it is done."""
+        """Whether the activity was done, so that the facts that it makes were set."""
 
     def start(self, under: Task, on_change: OnChange) -> None:
         """Send its tasks."""
@@ -146,7 +150,7 @@ class StartedActivity:
 
     @property
     def failed_task(self) -> ActivityTask | None:
-        """A task that ended, and not as done."""
+        """A task that has failed or was killed, if any."""
         return next((task for task in self.tasks if task.has_failed), None)
 
     @property
@@ -163,7 +167,7 @@ class StartedActivity:
         )
 
     def update_tasks(self) -> None:
-        """Send its tasks their data if these have changed."""
+        """Send the tasks their new data if the data have changed."""
         for task, data in zip(self.tasks, self.data, strict=True):
             task.update(data)
 
@@ -182,7 +186,7 @@ class StartedActivity:
                 task.sent.kill(why)
 
     def roles(self) -> list[RoleChange]:
-        """The present roles of its tasks in the machine."""
+        """Return the present roles of the activity's tasks in the machine."""
         return [
             RoleChange(
                 task.sent.id, self.state, "+".join(each.name for each in task.do.agents), self.role
@@ -191,10 +195,10 @@ class StartedActivity:
         ]
 
     def conflicts_with(self, activity: Activity) -> bool:
-        """Whether another activity must wait for its end.
+        """Return whether another activity must wait for the end of this one.
 
-        The two need one agent that takes one task at a time, or one makes a fact that the other
-        makes or needs.
+        It must wait if both need the same agent, and that agent takes one task at a time. It must
+        also wait if either makes a fact that the other makes or needs.
         """
         running = [task.do for task in self.tasks if not task.is_over]
         busy = {agent for do in running for agent in do.agents if agent.tasks == 1}

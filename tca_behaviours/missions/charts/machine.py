@@ -26,15 +26,15 @@ class StateMachine(BlockMachine[MachineState]):
     """A state machine of tasks. It starts with its first state.
 
     An ending of a state leads to the state that ``on`` names for it. An ending without a successor
-    ends the machine. States are written inside the machine's ``with`` block, and checked at its
-    end. ``sm.GoTo(goal_x=1.0)`` adds a state for task GoTo, and ``sm.GoTo("home", goal_x=1.0)``
-    one with the label "home".
+    ends the container of the state, or the machine. States are written inside the machine's
+    ``with`` block, and checked at its end. ``sm.GoTo(goal_x=1.0)`` adds a state for task GoTo, and
+    ``sm.GoTo("home", goal_x=1.0)`` one with the label "home".
 
     Args:
         name: The name of the machine, in the tree and in pictures.
 
     Raises:
-        UnsoundMachine: At the end of the block: the machine can't be run as it is written.
+        UnsoundMachine: The machine can't be run as it is written. Raised at the end of the block.
 
     Example::
 
@@ -63,11 +63,12 @@ class StateMachine(BlockMachine[MachineState]):
 
         Args:
             task: The name of the task.
-            label: The state's label; by default the task's name, with a number from the second on.
+            label: The state's label; by default the task's name, with a number if another state has
+                that label.
             **parameters: The parameters of the task.
 
         Returns:
-            The state. It ends as its task ends: completed, failed, timeout or interrupted.
+            The state. Its endings are those of the task: completed, failed, timeout, interrupted.
         """
         if not isinstance(label, str):
             raise MisuseError(
@@ -83,7 +84,7 @@ class StateMachine(BlockMachine[MachineState]):
         return lambda label="", /, **parameters: self.task(task, label, **parameters)
 
     def epsilon(self, label: str = "", /) -> MachineState:
-        """Add a state that does nothing and completes at once: to join paths or to name an exit."""
+        """Add a state that does nothing and completes at once. It joins paths or names an exit."""
         return self._new(StateKind.EPSILON, label, "epsilon")
 
     def sequence(self, label: str = "", /) -> MachineState:
@@ -93,8 +94,8 @@ class StateMachine(BlockMachine[MachineState]):
         return self._new(StateKind.SEQUENCE, label, "sequence")
 
     def machine(self, label: str = "", /) -> MachineState:
-        """Add a machine inside this one. It starts with its first state, and has no transitions but
-        the written ones.
+        """Add a machine inside this one. The machine starts with its first state, and has only the
+        transitions that are written.
         """
         return self._new(StateKind.MACHINE, label, "machine")
 
@@ -112,7 +113,9 @@ class StateMachine(BlockMachine[MachineState]):
         return self._new(_kind_of_concurrence(until), label, "concurrence")
 
     def _new(self, kind: StateKind, label: str, default: str) -> MachineState:
-        """Add a state. Without a label it gets the default label, with a number if that is used."""
+        """Add a state. Without a *label* the state gets the *default* label, with a number if that
+        label is used.
+        """
         if not label:
             label, number = default, 1
             while label in self._labelled:

@@ -1,12 +1,15 @@
-"""A running machine: starts the tasks of states that its statechart enters, and stops those of
-states that it leaves.
+"""A running machine.
 
-One thread runs the machine and waits for its tasks. If a kill, Ctrl-C, or an error ends that wait,
+When the statechart enters a state, the state's task is started. When the statechart leaves the
+state, the task is stopped.
+
+One thread runs the machine and waits for its tasks. If a kill, Ctrl-C, or an error ends the wait,
 all tasks of the machine are stopped.
 
 The machine is itself a task: a command that this process handles. The command's data is the
 machine's structure; its progress is the active states. The task stands in the tree with the
-machine's tasks below it. It can be watched, cancelled and killed, and ends if the process dies.
+machine's tasks below it. This task can be watched, cancelled and killed, and ends if the process
+dies.
 """
 
 from collections.abc import Callable
@@ -61,10 +64,10 @@ class MachineRun:
         self._chart = Statechart(root, self._on_enter, self._on_exit)
         self._running: dict[MachineState, TaskHandle] = {}
         self._stopping: list[TaskHandle] = []
-        """The tasks that were told to stop, and may run on for a while."""
+        """The tasks that are being stopped, and may still run."""
 
     def run_to_end(self) -> MachineEnd:
-        """Run the machine to its end. No task that it has started outlives it."""
+        """Run the machine to its end. No task of the machine outlives this call."""
         try:
             self._chart.begin()
             event = ""
@@ -92,7 +95,7 @@ class MachineRun:
 
     def _on_enter(self, state: MachineState) -> None:
         if state.kind is StateKind.TASK:
-            # The tasks of the states before must first have left the robot safe.
+            # First let the tasks of earlier states leave the robot safe.
             self._wait_for_stopping()
             self._running[state] = self._mission.start(state.task, **state.parameters)
 
@@ -152,9 +155,10 @@ def _check_tasks(root: MachineState, mission: BaseMission) -> None:
 
 
 def _result(task: Task, end: MachineEnd) -> TaskEnd:
-    """The result of the machine's own task. It fails or is killed if the machine did not complete.
+    """Return the result of the machine's own task. If the machine did not complete, fail or kill
+    that task.
 
-    It ends as a task of a server would.
+    The machine's task ends as a task of a server would.
     """
     if end.ending == "failed":
         raise MISSION_TASK_FAILED(text=end.event)

@@ -14,13 +14,15 @@ from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_wire.charts import Ending, StateKind
 
 Exits = dict[Ending | MachineState, bool]
-"""The exits of a state: endings, or states that follow. The value of an exit says whether the state
-may be left that way at once, before any task has run.
+"""The exits of a state: endings, or states that follow. The value is True if the state may be left
+that way before any task has run.
 """
 
 
 def endings_of(root: MachineState) -> dict[MachineState, list[Ending]]:
-    """The endings that each state can have. Raises UnsoundMachine if the machine can't be run."""
+    """Return the endings that each state can have. Raises UnsoundMachine if the machine can't be
+    run.
+    """
     search = _Search()
     search.exits(root)
     return search.endings
@@ -31,7 +33,9 @@ class _Search:
         self.endings: dict[MachineState, list[Ending]] = {}
 
     def exits(self, state: MachineState) -> Exits:
-        """The exits of a state. An ending that leads to a state is replaced by that state."""
+        """Return the exits of a state. An ending that leads to a state is replaced by that
+        state.
+        """
         _check_targets(state)
         inner = self._inner_exits(state)
         self.endings[state] = [ending for ending in ENDINGS if ending in inner]
@@ -49,7 +53,9 @@ class _Search:
         return found
 
     def _inner_exits(self, state: MachineState) -> Exits:
-        """The exits of a state by the endings of its task, or by the exits of the states in it."""
+        """Return the exits of a state by the endings of its task, or by the exits of the states in
+        it.
+        """
         if state.kind is StateKind.TASK:
             return dict.fromkeys(ENDINGS, False)
         if state.kind is StateKind.EPSILON:
@@ -85,7 +91,7 @@ class _Search:
         return dict.fromkeys(found, False)
 
     def _exits_of_successive(self, state: MachineState) -> Exits:
-        """The exits of a container whose states run one after the other."""
+        """Return the exits of a container whose states run one after the other."""
         exits_of = {child: self.exits(child) for child in state.children}
         successors = {
             child: [to for to in exits if to in exits_of] for child, exits in exits_of.items()

@@ -3,11 +3,11 @@
 The library's rules decide which states are entered and left:
 
 - A task is an atomic state. The event ``ended.s3.failed`` leads out of it.
-- A container is a compound state with a final state for each ending. ``done.state.s1`` leads out of
-  it, by the ending.
+- A container is a compound state with a final state for each ending. The event ``done.state.s1``
+  leads out of the compound state, with a target for each ending.
 - A concurrence is a parallel state. Each state in it has a region of its own, so that it can start
-  again without the others. In *any*, the ending of one leads out of the whole. In *all*, the final
-  state of a region waits for the others.
+  again without the others. With "any", the first ending of a state leads out of the whole
+  concurrence. With "all", a region in its final state waits for the other regions.
 """
 
 from collections.abc import Callable
@@ -91,8 +91,9 @@ class Statechart(LibraryChart[MachineState]):
         }
 
     def _target_name(self, state: MachineState, ending: Ending) -> str:
-        """The library's name of the state that an ending leads to: of another state, or of a final
-        state around it.
+        """Return the library's name of the target of an ending.
+
+        The target is the state that follows, or else a final state of a container.
         """
         target, parent = state.target(ending), state.parent
         if target is not None:
@@ -107,7 +108,7 @@ class Statechart(LibraryChart[MachineState]):
 
 
 def _event(name: str, ending: Ending) -> str:
-    """The event for the end of a state's task."""
+    """Return the event for the end of a state's task."""
     return f"ended.{name}.{ending}"
 
 

@@ -25,7 +25,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         self.task = ""
         self.parameters: dict[str, Any] = {}
         self.endings: list[Ending] = []
-        """The endings that it can have, once the machine is built."""
+        """The possible endings of the state, once the machine is built."""
 
     def __repr__(self) -> str:
         kind = "concurrence" if self.kind.is_concurrent else self.kind
@@ -68,7 +68,9 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return self
 
     def target(self, ending: Ending) -> "MachineState | None":
-        """The state that follows an ending; None if the ending is passed on to the container."""
+        """Return the state that follows an ending; None if the ending is passed on to the
+        container.
+        """
         if ending in self.by_event:
             return self.by_event[ending][0].target
         parent = self.parent
@@ -77,7 +79,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return None
 
     def lines(self) -> Iterator[str]:
-        """The parameters of its task."""
+        """Yield a line for each parameter of the state's task."""
         shown = list(self.parameters.items())
         for name, value in shown[:_MOST_PARAMETERS]:
             yield short_line(f"{name} = {value}")
@@ -85,7 +87,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
             yield f"and {len(shown) - _MOST_PARAMETERS} more"
 
     def chart_state(self) -> ChartState:
-        """The state as data, once the states are numbered."""
+        """Return the state as data, once the states are numbered."""
         kind = self.task or self.kind
         # A default label, such as "GoTo 2", names the kind already.
         is_obvious = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
@@ -94,8 +96,8 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return replace(super().chart_state(), note="" if is_obvious else kind, completes=completes)
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data; in a sequence also that to the next
-        state.
+        """Yield the transitions that lead out of this state, as data. In a sequence, the step to
+        the next state is one of them.
         """
         for ending in self.endings:
             if (to := self.target(ending)) is not None:

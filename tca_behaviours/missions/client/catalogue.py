@@ -1,6 +1,6 @@
 """The tasks of a server, as a mission knows them.
 
-They are read again only after central has reported a change of handlers.
+The tasks are read again only after central has reported a change of handlers.
 """
 
 import contextlib
@@ -37,7 +37,8 @@ class Catalogue:
     def names(self) -> list[str]:
         """The names of the tasks.
 
-        Only the mission's thread may ask central. Other threads get the names that it read last.
+        Only the mission's thread may ask central. Other threads get the names that the mission's
+        thread read last.
         """
         with contextlib.suppress(MisuseError):
             return list(self.tasks)
@@ -53,7 +54,7 @@ class Catalogue:
         raise UnknownTask(f"server '{self.server}' offers no task '{name}': {known}")
 
     def message(self, task: OfferedTask) -> Command[Any, Any]:
-        """The command of a task, as its server has declared it."""
+        """Return the command of a task, as its server has declared it."""
         if task.message not in self._messages:
             self._messages[task.message] = self._goal.sender.declared(task.message)
         return self._messages[task.message]

@@ -12,19 +12,20 @@ from tca_module.errors import TcaError
 class MissionCondition(Protocol):
     """An object that can interrupt a mission.
 
-    The mission calls ``is_verified()`` 20 times a second while it waits, so that must not block.
-    ``str()`` of the condition is the text of the exception.
+    While the mission waits, it calls ``is_verified()`` 20 times a second. So that method must not
+    block. ``str()`` of the condition is the text of the exception.
     """
 
     def is_verified(self) -> bool:
-        """Whether the mission must be interrupted."""
+        """Return whether the mission must be interrupted."""
         ...
 
 
 class ConditionIsCompleted:
-    """A condition that is verified when a task has completed.
+    """A condition that is verified when a task has completed, or has ended with an outcome in
+    *ends*.
 
-    If the task ends otherwise, the wait ends with its MissionTaskFailed.
+    If the task ends with any other outcome, the wait ends with the task's MissionTaskFailed.
 
     Args:
         task: The task, as ``mission.start(...)`` or a call with ``foreground=False`` returned it.
@@ -56,9 +57,9 @@ class ConditionIsCompleted:
         return self.name
 
     def is_verified(self) -> bool:
-        """Whether the mission has learned that the task completed.
+        """Return whether the mission has learned that the task ended with a verifying outcome.
 
-        Raises MissionTaskFailed if the task can't complete any more.
+        Raises MissionTaskFailed if the task ended with another outcome.
         """
         if not self.task.is_known_over:
             return False

@@ -48,8 +48,8 @@ class BadParameter(TcaError, ValueError):
 class StepUncertain(TcaError):
     """Step *step* was under way when the mission's process ended.
 
-    *outcomes* has a pair for each task that the step had started. It names the task and its state,
-    such as "completed", "is running" or "is unknown to central".
+    *outcomes* has a pair for each task that the step had started. A pair consists of the task and
+    its state, such as "completed", "is running" or "is unknown to central".
     """
 
     def __init__(self, step: str, outcomes: Sequence[tuple[str, str]]) -> None:

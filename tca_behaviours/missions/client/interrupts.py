@@ -1,6 +1,6 @@
 """Ctrl-C while a task is being sent.
 
-The mission must know a task before it is interrupted; else it could not stop it.
+If Ctrl-C came before the mission knew the task, the mission could not stop the task.
 """
 
 import signal

@@ -66,8 +66,8 @@ class BaseMission:
             name: The mission's name in the tree; by default the name of the program.
             central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
             patience: How many seconds to wait for the server; default 10.
-            under: A task, in its handler. The mission's tasks belong to it, not to a goal of their
-                own.
+            under: A task, in its handler. The mission's tasks belong to this task, not to a goal of
+                the mission.
             leave_running: Whether the tasks outlive the mission, also after a crash; default False.
             checkpoint: The file in which ``step`` records completed steps; None: there are no
                 steps.
@@ -149,7 +149,7 @@ class BaseMission:
 
     @property
     def name(self) -> str:
-        """The mission's name in central. It ends with a number if another mission had that name
+        """The mission's name in central. The name ends with a number if another mission had it
         already.
         """
         self._check_open()
@@ -342,7 +342,7 @@ class BaseMission:
     ) -> list[TaskHandle]:
         """Wait until one of the tasks has ended, or an event ends the wait.
 
-        A verified condition, the loss of the server, or a kill of the mission ends it with an
+        A verified condition, the loss of the server, or a kill of the mission ends the wait with an
         exception.
         """
         until = math.inf if timeout is None else time.monotonic() + timeout
@@ -365,14 +365,14 @@ class BaseMission:
             list(awaited),
             timeout,
             lambda: self._check_conditions() or self._newly_lost(tasks),
-            # A condition, or the end of a short timeout, ends the wait: it is no deadlock.
+            # A condition or a short timeout will end this wait, so it is no deadlock.
             brief=bool(self._conditions) or timeout < CHECK_PERIOD,
         )
         for sent in ended:
             awaited[sent].record_end()  # type: ignore[index]
         for task in self._newly_lost(tasks):
             self._checked_at[task.id] = self._goal.handler_changes
-            # A task that had begun is about to fail. One that had not would wait for ever.
+            # A task that had begun is about to fail. A task that had not would wait for ever.
             info = task.sent.info()
             if info is not None and not (info.module or info.failure):
                 why = f"no server offers {task.sent.message} any more"
@@ -381,7 +381,9 @@ class BaseMission:
         return bool(ended or self._interruption)
 
     def _newly_lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
-        """The tasks whose message has lost its last handler, and that were not checked since."""
+        """Return the tasks whose message has lost its last handler, unless they were checked since
+        then.
+        """
         return [
             task
             for task in tasks
@@ -450,8 +452,8 @@ class BaseMission:
             The value of the function.
 
         Raises:
-            StepUncertain: The program died during the step. A step that is one completed task is
-                done.
+            StepUncertain: The program died during the step. If the step is one task that has
+                completed, the step counts as done instead.
             MisuseError: The mission has no checkpoint, the name was used, or the value can't be
                 stored.
 
@@ -512,9 +514,9 @@ class BaseMission:
 
     def clear_conditions(self) -> None:
         """Remove all conditions. Stop their tasks, except with ``stop_on_clear=False``, and wait
-        for the ends.
+        until these tasks end.
 
-        Raises Timeout if one does not end.
+        Raises Timeout if a task does not end.
         """
         tasks = [
             condition.task
@@ -542,7 +544,7 @@ class BaseMission:
         interruption, self._interruption = self._interruption, None
         if interruption is None:
             return
-        for task in in_foreground:  # stop it together with the conditions' tasks, not after them
+        for task in in_foreground:  # stop it now, not after the conditions' tasks
             task.stop("the mission was interrupted")
         self.clear_conditions()
         raise interruption
@@ -551,9 +553,9 @@ class BaseMission:
 class Mission(BaseMission):
     """A mission: the tasks of a server as functions, for use in one thread.
 
-    A call of a task runs it to its end and returns its TaskEnd, or raises MissionTaskFailed. With
-    ``foreground=False`` it starts the task and returns a TaskHandle at once. The end of the block,
-    or of the process, stops all tasks that still run.
+    A call of a task runs the task to its end and returns its TaskEnd, or raises MissionTaskFailed.
+    With ``foreground=False`` it starts the task and returns a TaskHandle at once. The end of the
+    block, or of the process, stops all tasks that still run.
 
     The arguments are those of ``BaseMission``.
 
@@ -592,5 +594,5 @@ class Mission(BaseMission):
 
 
 def _name_of_program() -> str:
-    """The name of the running script."""
+    """Return the name of the running script."""
     return Path(sys.argv[0]).stem.strip("-") or "script"

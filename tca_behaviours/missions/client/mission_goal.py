@@ -59,9 +59,9 @@ def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
     Raises _NameTakenError if another mission of the same name has got the goal.
     """
     if wait_for_any([goal], until=lambda: bool(begun)) or not begun:
-        raise _NameTakenError  # the other mission has refused it
+        raise _NameTakenError  # the other mission has refused this goal
     task, reply = begun[0]
-    if task != goal.id:  # this mission has got the goal of the other one
+    if task != goal.id:  # this mission has got the other mission's goal
         reply.fail(MISSION_FAILED(text=_SAME_TIME))
         raise _NameTakenError
     return reply
@@ -133,7 +133,8 @@ class MissionGoal:
             return own[1]
 
         module.at_start(check_name)
-        # With one slot a second goal would wait for the end of the first. With two it is refused.
+        # With one slot a second goal would wait for the end of the first. With two slots ``begin``
+        # gets the second goal and refuses it.
         module.resource("goals", capacity=2)
         module.handles(goal, resource="goals")(begin)
         module.handles(failure_handler, resource="failures")(self._handle_failure)
@@ -144,7 +145,7 @@ class MissionGoal:
                 self._top = self._under.ref
                 stack.callback(self._top.on_failure(None, failure_handler).remove)
             elif self._leave_running:
-                stack.enter_context(module.parallel())  # no task waits for the one sent before it
+                stack.enter_context(module.parallel())  # no task waits for the task sent before
             else:
                 info = MissionInfo(self._server)
                 self._top = top = module.goal(
@@ -164,7 +165,7 @@ class MissionGoal:
         return self._under or self._module
 
     def below(self) -> Sender:
-        """A sender whose tasks hang below the mission's goal."""
+        """Return a sender whose tasks hang below the mission's goal."""
         return self.sender.under(self._top) if self._top is not None else self.sender
 
     def raise_if_killed(self, *, ask: bool = False) -> None:
@@ -209,10 +210,10 @@ class MissionGoal:
         trouble, failing, top = task.trouble, task.trouble.failing, self._top
         if top is None or failing.id == top.id:
             raise trouble.reissue()
-        # Kill it rather than resolve the failure: a task killed after its failure counts as failed.
+        # Kill the task rather than resolve the failure, so that the task counts as failed.
         failing.kill("it has failed, and the mission continues")
         ancestors = list(itertools.takewhile(lambda task: task.id != top.id, failing.ancestors()))
-        if ancestors:  # the failing task is below the mission's own task: fail that, too
+        if ancestors:  # the failing task is below a task of the mission: fail that task, too
             ancestors[-1].fail(Failure(trouble.failure)(text=f"in {failing}: {trouble.text}"))
 
     def _update_handlers(self, _: Task, count: HandlerCount) -> None:

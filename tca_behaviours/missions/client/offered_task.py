@@ -1,7 +1,7 @@
 """The tasks that servers offer.
 
-Central knows them as messages. A mark in the format of their data distinguishes them from other
-commands.
+For central, each task is a command. A mark in the format of the data distinguishes these commands
+from others.
 """
 
 import inspect
@@ -149,12 +149,12 @@ class OfferedTask:
 
 
 def is_identifier(text: str) -> bool:
-    """Whether *text* can be a name in Python."""
+    """Return whether *text* can be a name in Python."""
     return text.isidentifier() and not keyword.iskeyword(text)
 
 
 def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
-    """The tasks of missions among the messages that central knows."""
+    """Yield the tasks of missions among the messages that central knows."""
     for info in messages:
         if MISSION_TASK not in info.data:
             continue
@@ -167,14 +167,14 @@ def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
 
 
 def _resolved(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The definition that a schema refers to; the schema itself if it is no reference."""
+    """Return the definition that a schema refers to; the schema itself if it is no reference."""
     return (
         definitions.get(str(schema["$ref"]).rpartition("/")[2], {}) if "$ref" in schema else schema
     )
 
 
 def _type_of(schema: Mapping[str, Any], definitions: Mapping[str, Any], depth: int = 0) -> Any:
-    """The Python type for a JSON Schema, for signatures."""
+    """Return the Python type for a JSON Schema, for signatures."""
     schema = _resolved(schema, definitions)
     if depth > 9:  # references may form a cycle
         return Any

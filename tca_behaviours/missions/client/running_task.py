@@ -28,7 +28,7 @@ class RunningTask(msgspec.Struct, frozen=True):
 
 
 def running_tasks(sender: Sender, server: str) -> list[RunningTask]:
-    """The tasks of a server that have not ended, oldest first."""
+    """Return the tasks of a server that have not ended, oldest first."""
     prefix, found = f"{server}.", []
     for ref in sender.tasks():
         if ref.message.startswith(prefix) and (info := ref.info()) is not None:
@@ -46,13 +46,13 @@ def _state(info: TaskInfo) -> str:
 
 
 def given_parameters(info: TaskInfo) -> dict[str, Any]:
-    """The parameters that the sender of a task gave."""
+    """Return the parameters that the sender of a task gave."""
     data = decode_untyped(info.data)
     return data if isinstance(data, dict) else {}
 
 
 def _newest_text(ref: TaskRef) -> str:
-    """The text that a task has reported last."""
+    """Return the text that a task has reported last."""
     progress = ref.progress()
     ref.state  # noqa: B018 - the earlier reports have arrived when central answers this
     reports = progress.arrived()

@@ -33,7 +33,7 @@ class StepLine(msgspec.Struct, frozen=True, omit_defaults=True):
     exception.
 
     The value is msgpack, because JSON has no NaN, no bytes, and only text as keys. The end of a
-    task is JSON, so that it can be read.
+    task is JSON, so that people can read it.
     """
 
     step: str
@@ -59,7 +59,7 @@ class StepFile:
     def __init__(self, path: Path, mission: str) -> None:
         """Open or create the file, and read its lines.
 
-        Raises MisuseError if it is no such file, is damaged, or belongs to another mission or
+        Raises MisuseError if the file holds no steps, is damaged, or belongs to another mission or
         process.
         """
         self._path = path
@@ -77,7 +77,7 @@ class StepFile:
             raise
 
     def add(self, line: StepLine) -> None:
-        """Append a line. It is on the disk when this returns."""
+        """Append a line. The line is on the disk when this call returns."""
         self._write(line)
         self.lines.append(line)
 

@@ -38,7 +38,7 @@ class Steps:
         """
         self._file = StepFile(path, mission)
         self._find_task, self._finish = find_task, finish
-        self._newest: dict[str, StepLine] = {}  # by step, its newest line that is not of a task
+        self._newest: dict[str, StepLine] = {}  # by step, the newest line that is not a "task"
         self._tasks: dict[str, list[TaskBegun]] = {}
         for line in self._file.lines:
             self._index(line)
@@ -63,7 +63,8 @@ class Steps:
     def run(
         self, name: str, function: Callable[..., T], call: Callable[[], T], *, is_repeatable: bool
     ) -> T:
-        """Do a step by a *call* of its function. Return the recorded value if it was done before.
+        """Do a step by a *call* of its function. Return the recorded value if the step was done
+        before.
 
         A *repeatable* step that was interrupted by the end of the program is repeated.
         """
@@ -87,11 +88,11 @@ class Steps:
     def _end_of_interrupted(
         self, name: str, *, is_task: bool, is_repeatable: bool
     ) -> TaskEnd | None:
-        """Find out how a step ended that was under way when the program died.
+        """Find the end of a step that was under way when the program died.
 
-        Waits for its tasks if the step *is a task*, or if they are being stopped. Returns the end
-        of the task if the step was one task that completed, or None if the step must be repeated.
-        Raises StepUncertain.
+        If the step *is a task*, waits for its tasks. Otherwise waits only for tasks that are being
+        stopped. Returns the end of the task if the step was one task that completed. Returns None
+        if the step must be repeated. In all other cases raises StepUncertain.
         """
         tasks = self._tasks.get(name, [])
         found = [self._find_task(task) for task in tasks]
@@ -145,7 +146,7 @@ def _state_in_words(task: TaskHandle | None) -> str:
 
 
 def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
-    """The line of a step that is done.
+    """Return the line of a step that is done.
 
     Raises MisuseError if the file can't return the same value.
     """
@@ -168,7 +169,7 @@ def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLi
 
 
 def _value(line: StepLine, function: Callable[..., T]) -> T:
-    """The value of a step that is done, with the type that its function declares.
+    """Return the value of a step that is done, with the type that its function declares.
 
     The value is decoded from the line even if the step was done just now, so that a resumed mission
     gets the same value.

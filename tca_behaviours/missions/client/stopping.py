@@ -18,7 +18,7 @@ class Stopping:
     def __init__(self, mission: str) -> None:
         self.hung: dict[int, TaskHandle] = {}  #: tasks that did not end in time
         self._log = log_of(f"mission {mission}")
-        self._stopped_since: dict[int, float] = {}  # when each was first seen stopped or failed
+        self._stopped_since: dict[int, float] = {}  # by task: when first seen stopped or failed
         self._warned = set[int]()
 
     def stop(self, tasks: Sequence[TaskHandle], why: str) -> None:
@@ -34,8 +34,8 @@ class Stopping:
     def stop_after(self, error: BaseException, tasks: Sequence[TaskHandle], why: str) -> None:
         """Stop tasks because of *error*, which the caller raises afterwards.
 
-        After a Ctrl-C, another Ctrl-C ends the wait. A task that does not end is then logged; it
-        raises no Timeout that would hide the KeyboardInterrupt.
+        After a Ctrl-C, another Ctrl-C ends the wait. A task that does not end is then only logged,
+        because a Timeout would hide the KeyboardInterrupt.
         """
         if not isinstance(error, KeyboardInterrupt):
             self.stop(tasks, why)
@@ -51,7 +51,7 @@ class Stopping:
     def stop_at_end(self, tasks: Sequence[TaskHandle], why: str) -> None:
         """Stop all running tasks at the end of the mission.
 
-        If a task hung before, wait for none: the wait would be in vain.
+        If a task is known to hang, wait for no task: the wait would be in vain.
         """
         try:
             if self.hung:

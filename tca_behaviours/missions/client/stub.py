@@ -47,7 +47,7 @@ _TASK = '''
 
 
 def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
-    """The text of the stub file: a subclass of Mission with a typed method for each task."""
+    """Return the text of the stub file: a subclass of Mission with a typed method for each task."""
     parts = [
         _HEAD.format(
             title=_in_docstring(server.replace("\n", " ")),
@@ -73,7 +73,7 @@ def _in_docstring(text: str) -> str:
 
 
 def class_name(server: str) -> str:
-    """The name of the class for a server: "turtle 1" gives Turtle1Mission."""
+    """Return the name of the class for a server: "turtle 1" gives Turtle1Mission."""
     return (
         "".join(word[:1].upper() + word[1:] for word in re.findall(r"\w+", server)).lstrip(
             "0123456789"
@@ -117,7 +117,9 @@ def _annotation(parameter: TaskParameter) -> str:
 
 
 def _is_literal(text: str) -> bool:
-    """Whether *text* is a Python literal. A default of ``nan``, which a format may have, is not."""
+    """Return whether *text* is a Python literal. A default of ``nan``, which a format may have, is
+    not.
+    """
     try:
         literal_eval(text)
     except (ValueError, SyntaxError):

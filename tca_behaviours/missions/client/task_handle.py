@@ -17,7 +17,7 @@ class TaskHandle:
         name: The task's name, such as "WaitForROI".
         sent: The task as the library knows it: for constraints, wiretaps, ``info()``.
         parameters: The parameters that it was given.
-        failure: The name of the failure with which it ended; "" if there was none.
+        failure: The name of the failure that ended the task; "" if there was none.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class TaskHandle:
 
     @property
     def is_known_over(self) -> bool:
-        """Whether the mission has learned that it ended. Does not ask central."""
+        """Whether the mission has learned that the task has ended. Does not ask central."""
         return self._end is not None
 
     @property
@@ -57,7 +57,7 @@ class TaskHandle:
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether the mission has learned that it was killed. Does not ask central."""
+        """Whether the mission has learned that the task was killed. Does not ask central."""
         return self._end is not None and Status.of(self._end.status) is Status.INTERRUPTED
 
     @property
@@ -68,7 +68,7 @@ class TaskHandle:
         return describe_end(self._end) if self._end is not None else ""
 
     def record_end(self) -> None:
-        """Record how it ended; called when it has ended."""
+        """Record how the task has ended. Called after the end."""
         if self._end is None:
             self._end = self._read_end()
             self._on_end(self)

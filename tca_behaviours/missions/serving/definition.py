@@ -34,7 +34,7 @@ class ServedTask(Generic[E]):
     env: E
     """The environment that all tasks of the server share."""
     task: Task
-    """The run as a task of the tree: to send messages with."""
+    """The run as a task of the tree. Use it to send messages."""
     task_timeout: float = parameter(
         0.0, "The most seconds that it may run after initialise(); 0: no limit", minimum=0
     )
@@ -53,8 +53,8 @@ class ServedTask(Generic[E]):
         raise NotImplementedError
 
     def terminate(self) -> None:
-        """Leave the robot safe. Called once, however the run ends. A kill does not end its
-        waits.
+        """Leave the robot safe. Called once, however the run ends. A kill of the run does not end
+        waits in this method.
         """
 
     def report(self, text: str) -> None:
@@ -66,7 +66,7 @@ class ServedTask(Generic[E]):
         self._run.publish()
 
     def failed(self, text: str) -> FailureRaised:
-        """Make the failure of this run, to be raised: ``raise self.failed("no pose yet")``."""
+        """Make a failure of this run. Raise it: ``raise self.failed("no pose yet")``."""
         return MISSION_TASK_FAILED(text=text)
 
     def sleep(self, seconds: float) -> None:
@@ -155,7 +155,7 @@ class Definition:
         )
 
     def parameters(self, **given: Any) -> Any:
-        """The data of the command. A parameter that is not given gets its default."""
+        """Return the data of the command. A parameter that is not given gets its default."""
         return self.format.kind(**given)
 
     def create(
@@ -169,7 +169,7 @@ class Definition:
         return served
 
     def reason_to_reject(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
-        """Why a running task can't be given these parameters; "" if it can."""
+        """Return why a running task can't be given these parameters; "" if it can."""
         for name, value in self.format.given_in(parameters).items():
             if self.format.fields[name].is_fixed and value != getattr(served, name):
                 return f"parameter '{name}' can't be changed while the task runs"
@@ -206,7 +206,7 @@ def check_task(task: object) -> type[ServedTask[Any]]:
 
 
 def environment_of(task: type) -> type:
-    """The class of the environment that a task needs: *E* of its ``PeriodicTask[E]``."""
+    """Return the class of the environment that a task needs: *E* of its ``PeriodicTask[E]``."""
     for cls in task.__mro__:
         for base in vars(cls).get("__orig_bases__", ()):
             origin, arguments = get_origin(base), get_args(base)

@@ -10,9 +10,9 @@ class Environment:
     dimensions.
 
     *lock* allows one task at a time. The server holds it during ``initialise``, ``iterate`` and
-    ``terminate`` of a task. The ``iterate`` of a OnceTask is an exception: it takes the lock where
-    it needs it, with ``with self.env.lock:``. ``self.sleep()`` releases the server's hold until it
-    returns.
+    ``terminate`` of a task. The ``iterate`` of a OnceTask is an exception. It takes the lock itself
+    where necessary, with ``with self.env.lock:``. If the server holds the lock, ``self.sleep()``
+    releases it, and takes it again before it returns.
 
     Example::
 
@@ -26,7 +26,7 @@ class Environment:
     def attach(self, module: Module) -> None:
         """Prepare the server's module before it runs. Called once.
 
-        Override it to handle messages, or to call functions periodically that read sensors.
+        Override it to handle messages, or to read sensors periodically.
 
         Args:
             module: The module of the server.

@@ -118,7 +118,9 @@ def _load(file: Path) -> ModuleType:
 
 
 def _tasks_of(module: ModuleType) -> Iterator[type[ServedTask[Any]]]:
-    """The tasks that a file itself defines. A name that begins with "_" marks a base class."""
+    """Yield the tasks that a file itself defines. A name that begins with "_" marks a base
+    class.
+    """
     for value in vars(module).values():
         is_own = isinstance(value, type) and value.__module__ == module.__name__
         if is_own and issubclass(value, ServedTask) and not value.__name__.startswith("_"):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from tca_module import CentralLost, Refused, Task
 
-_PATIENCE = 2.0  # seconds that a task waits for the one before it until it warns
+_PATIENCE = 2.0  # seconds that a task waits for the task before until it warns
 _WARNING_PERIOD = 5.0  # seconds between further warnings
 
 
@@ -19,14 +19,14 @@ class Foreground:
     ) -> None:
         """*on_empty* is called, in any thread, when no task has or wants the foreground any more.
 
-        It gets the last task that had it, and that task's error or None.
+        Its arguments are the task that left last, and that task's error or None.
         """
         self._on_empty = on_empty
         self._log = log
         self._lock = threading.Lock()
-        self._holder: Task | None = None  #: the task that has it, until it has terminated
+        self._holder: Task | None = None  #: the task in the foreground, until it has terminated
         self._newest: Task | None = None  #: the newest task that wants the foreground
-        #: The older tasks whose threads have yet to arrive, by number: the name of a newer task.
+        #: For each older task whose thread has yet to arrive, by number: the name of a newer task.
         self._overtaken: dict[int, str] = {}
 
     @property
@@ -38,13 +38,13 @@ class Foreground:
     def held_by(self, task: Task, publish_wait: Callable[[str], None]) -> Iterator[None]:
         """A block in which *task* has the foreground.
 
-        The task before is killed first, and *task* waits until it has terminated. If that takes
-        long, *publish_wait* is called with the name of the task before, and with "" after the wait.
-        Raises TaskKilled if a newer task wants the foreground first.
+        The task before is killed first. *task* waits until the task before has terminated. If the
+        wait is long, *publish_wait* is called with the name of the task before, and with "" after
+        the wait. Raises TaskKilled if a newer task wants the foreground first.
         """
         before = self._become_newest(task)
         try:
-            # If central has forgotten the task before, that ends without a kill.
+            # If central has forgotten the task before, a kill is not necessary.
             with contextlib.suppress(CentralLost):
                 if before is not None and (ref := task.task(before.id)) is not None:
                     ref.kill(f"{task} took its place")
@@ -74,8 +74,8 @@ class Foreground:
     def _become_newest(self, task: Task) -> Task | None:
         """Make *task* the newest. Returns the task before.
 
-        Raises TaskKilled if a newer task came first: two threads that start at once may arrive in
-        any order.
+        Raises TaskKilled if the thread of a newer task came first. Two threads that start at once
+        may arrive in any order.
         """
         handled = _handled_with(task)
         with self._lock:
@@ -116,7 +116,10 @@ class Foreground:
 
 
 def _handled_with(task: Task) -> set[int]:
-    """The numbers of the tasks that are handled at the same time; none if permissions hide them."""
+    """Return the numbers of the tasks that the resource of *task* handles now.
+
+    The set is empty if permissions hide them.
+    """
     with contextlib.suppress(Refused):
         resources = [resource for module in task.modules() for resource in module.resources]
         return next((set(each.handling) for each in resources if task.id in each.handling), set())

@@ -86,7 +86,7 @@ class Field:
 
     @property
     def default(self) -> Any:
-        """A new copy of the default: the task may change a list in place."""
+        """A new copy of the default, because the task may change a list in place."""
         return self._format.decode(self._default)
 
 
@@ -96,7 +96,7 @@ def fields_of(
     common: Iterable[str],
     defaults: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Field]:
-    """The parameters of a task's class, by name.
+    """Return the parameters of a task's class, by name.
 
     Attributes of *base* are not parameters, except those that are *common* to all tasks. *defaults*
     has the defaults of parameters for which the class has none. Raises BadFormat if an attribute
@@ -129,7 +129,7 @@ def _hints(task: type) -> dict[str, Any]:
 
 
 def _field(task: type, name: str, hint: Any, default: Any) -> Field:
-    """A parameter. A class that inherits it may change only its default, by a plain value."""
+    """Make a parameter. If a subclass assigns a plain value, that is only a new default."""
     values = [vars(cls)[name] for cls in task.__mro__ if name in vars(cls)]
     if declared := next((one for one in values if isinstance(one, Parameter)), None):
         hint = Annotated[hint, declared.meta]
@@ -149,7 +149,7 @@ def _field(task: type, name: str, hint: Any, default: Any) -> Field:
 
 
 def help_of(task: type) -> str:
-    """The help text of a task: the docstring of its class."""
+    """Return the help text of a task: the docstring of its class."""
     return inspect.cleandoc(task.__doc__ or "")
 
 
@@ -175,11 +175,11 @@ class TaskFormat(Format[Any]):
         self.schema = json.dumps(schema, sort_keys=True, separators=(",", ":"))
 
     def defaults(self) -> dict[str, Any]:
-        """The defaults of the parameters that have one, by name."""
+        """Return the defaults of the parameters that have one, by name."""
         return {name: field.default for name, field in self.fields.items() if not field.is_required}
 
     def given_in(self, parameters: msgspec.Struct) -> dict[str, Any]:
-        """The parameters that the sender has given, by name."""
+        """Return the parameters that the sender has given, by name."""
         values = {name: getattr(parameters, name) for name in self.fields}
         return {name: value for name, value in values.items() if value is not msgspec.UNSET}
 

@@ -1,4 +1,4 @@
-"""One run of a task: initialise, iterate, terminate, however it ends."""
+"""One run of a task: ``initialise``, ``iterate``, and ``terminate`` however the run ends."""
 
 import contextlib
 import logging
@@ -52,9 +52,11 @@ class TaskRun:
         self._next_status_at = 0.0  #: the earliest time of the next status
 
     def carry_out(self) -> TaskEnd:
-        """Run the task to its end. If it was initialised, terminate it whatever happens.
+        """Run the task to its end. After ``initialise`` has succeeded, ``terminate`` is called,
+        whatever happens.
 
-        Raises its failure, or the exception that ended a wait of it, such as TaskKilled.
+        Raises the failure of the run, or the exception that ended a wait of the run, such as
+        TaskKilled.
         """
         self._initialise()
         try:
@@ -78,7 +80,7 @@ class TaskRun:
                 raise
             self.status = Status.INITIALISATION_FAILED
             if isinstance(error, FailureRaised):
-                # The name "mission task failed" would say no more than that of the new failure.
+                # The new failure's name says enough: leave out "mission task failed".
                 text = error.text if error.name == MISSION_TASK_FAILED.name else str(error)
             else:
                 self._log.exception("initialise() of %s failed", self.task)
@@ -130,7 +132,7 @@ class TaskRun:
 
     @contextlib.contextmanager
     def _warned_if_late(self) -> Iterator[None]:
-        """A block that logs a warning if it has not ended soon after ``task_timeout``.
+        """A block. If the block has not ended soon after ``task_timeout``, log a warning.
 
         Nothing can end an iterate() that hangs; the warning at least names it.
         """
@@ -163,7 +165,9 @@ class TaskRun:
         )
 
     def _is_completed(self, returned: object) -> bool:
-        """Whether ``iterate`` returned COMPLETED. Raises a failure unless it is that or RUNNING."""
+        """Return whether ``iterate`` returned COMPLETED. Raises a failure if it returned neither
+        COMPLETED nor RUNNING.
+        """
         if returned in (Status.RUNNING, Status.COMPLETED):
             return returned == Status.COMPLETED
         if not isinstance(returned, Status):
@@ -177,7 +181,7 @@ class TaskRun:
     def publish(self) -> None:
         """Publish the run's status if it has changed, but not too often.
 
-        A status that comes too early is left out: the next iteration publishes it.
+        Soon after the last report, nothing is published: the next iteration does that.
         """
         if self._is_ending or threading.get_ident() != self._thread:
             return  # another thread of the task: the next iteration publishes its text
@@ -191,7 +195,7 @@ class TaskRun:
             self.task.report(status)
 
     def publish_wait(self, awaited: str) -> None:
-        """Publish that the run waits for a task with the name *awaited*; "": it waits no longer."""
+        """Publish that the run waits for a task with the name *awaited*; "": the wait is over."""
         text = f"waits until {awaited} has terminated" if awaited else ""
         self._published = TaskStatus(text, status=Status.NEWBORN)
         self.task.report(self._published)
@@ -230,7 +234,7 @@ class TaskRun:
             self.served.terminate()
 
     def _terminate_after(self, error: BaseException) -> None:
-        """Call ``terminate`` after *error*. An error that it raises becomes a note of *error*."""
+        """Call ``terminate`` after *error*. An error of ``terminate`` becomes a note of *error*."""
         status = status_of(error.name) if isinstance(error, FailureRaised) else Status.FAILED
         try:
             self._terminate(Status.INTERRUPTED if self.task.cancelled else status)
@@ -259,5 +263,5 @@ class TaskRun:
     # --- texts ------------------------------------------------------------------------------------
 
     def _with_status(self, text: str) -> str:
-        """The text, followed by the task's status text."""
+        """Return the text, followed by the task's status text."""
         return f"{text}: {self.served.status_text}" if self.served.status_text else text

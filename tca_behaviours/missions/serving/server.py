@@ -24,7 +24,7 @@ from tca_module.log import log_of
 # is a short gap: the idle task must not run in it.
 _IDLE_DELAY = 0.2
 _IDLE_RETRY_DELAY = 5.0  # seconds until an idle task that failed runs again
-_RESERVED = 2  # slots for the foreground: its task, and the one that takes its place
+_RESERVED = 2  # slots for the foreground: for its task, and for the next task
 _ENVIRONMENT = instance_of("an object of a class that inherits from Environment", Environment)
 _RATE = number("more than 0 iterations a second", float_info.min)
 _CAPACITY = whole(f"{_RESERVED + 1} or more", _RESERVED + 1)
@@ -60,10 +60,10 @@ class TaskServer:
             environment: The object that all tasks share.
             tasks: Classes of tasks to offer.
             folder: A folder whose Python files define further tasks. Installed packages may add
-                others, with entry points "tca.missions.tasks", if they are made for the
-                environment's class.
-            idle: The task that runs while no other task has the foreground. If it completes, it
-                runs again only after the next foreground task.
+                tasks, with entry points "tca.missions.tasks". Only tasks for the environment's
+                class are added.
+            idle: The task that runs while no other task has the foreground. After the idle task has
+                completed, it runs again only after the next foreground task.
             rate: How many iterations a second a periodic task does by default; default 10.
             capacity: How many tasks may run at a time, 3 or more; default 16.
             central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
@@ -136,7 +136,9 @@ class TaskServer:
             self._foreground.forget(task)
 
     def _admit(self, run: TaskRun) -> None:
-        """Add a run. Fails a background run if it would leave no slot for the foreground."""
+        """Add a run. Raises a failure for a background run that would leave no slot for the
+        foreground.
+        """
         with self._lock:
             in_background = sum(not each.served.foreground for each in self.runs)
             if not run.served.foreground and in_background >= self._max_background:

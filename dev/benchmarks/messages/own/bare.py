@@ -1,4 +1,6 @@
-"""Central with bare clients: without the library, they speak its protocol over plain ZeroMQ."""
+"""Central with bare clients, which speak central's protocol over plain ZeroMQ, without the
+library.
+"""
 
 import itertools
 from pathlib import Path
@@ -96,13 +98,15 @@ def serve_lines(lines: list[Socket]) -> None:
 
 
 def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
-    """Return the answers to the next packet: all messages that are not tasks get one together."""
+    """Return the answers to the next packet. All messages that are not tasks get one common
+    answer.
+    """
     items: list[tuple[Any, bytes]] = []
     ended: list[EndedRun] = []
     replies: list[bytes] = []
     for header, body in codec.unpack_to_module(read(line)):
         if isinstance(header, headers.Recall):
-            items.append((headers.Recalled([]), b""))  # it has started all of them
+            items.append((headers.Recalled([]), b""))  # this slot has started all of its messages
         elif isinstance(header, headers.Deliver):
             reply = handle(line, header.message, body, counts)
             if header.task:

@@ -47,7 +47,7 @@ class Memory(Contestant):
         self._ask(headers.Register(next(self.numbers), [WALK.format, NOTE.format]))
 
     def ready(self) -> None:
-        self._add_goals(1)  # it occupies the handler: nothing else is handled
+        self._add_goals(1)  # this goal occupies the handler, so that nothing else is handled
         self.add(20)
 
     def _ask(self, header: Any, body: bytes = b"") -> None:
@@ -87,7 +87,9 @@ class Memory(Contestant):
 
 
 class Started(Contestant):
-    """A program that is started again and again until it does its work."""
+    """A program that is started again and again. A start is timed until the program does its
+    work.
+    """
 
     def __init__(self, what: str) -> None:
         super().__init__()

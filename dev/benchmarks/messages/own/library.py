@@ -31,7 +31,7 @@ THREE_MOVES, MANY_MOVES = Goal("three moves", bytes), Goal("many moves", int)
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
 MOST_DIRECT = 500
-"""The number of direct messages sent at a time: a thousand may be on their way."""
+"""The number of direct messages sent at a time. A thousand may be on their way."""
 TOGETHER = 50
 """The modules of a crowd that share a process."""
 
@@ -191,7 +191,7 @@ class Library(Contestant):
 
 
 class Straight(Library):
-    """The library with direct messages; other cases are left out."""
+    """The library with direct messages. Cases in which no message can be direct are left out."""
 
     direct = True
 
@@ -206,7 +206,8 @@ class Straight(Library):
     def _check_in_order(self) -> None:
         """Check that informs are direct, too.
 
-        The first inform goes through central, and the direct query after it may overtake it.
+        The first inform goes through central. A direct query that is sent later may overtake the
+        inform.
         """
         try:
             self.oneway(1)
