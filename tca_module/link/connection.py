@@ -383,11 +383,11 @@ class Connection(Waits):
         while self.session.pending_calls:
             self.session.pending_calls.popleft()()
 
-    def requeue_returned(self) -> None:
+    def return_prefetched(self) -> None:
         """Return the prefetched messages that have not begun to central."""
         with self._lock:
             if self.session.prefetched:
-                self.session.requeue_returned()
+                self.session.return_prefetched()
                 self.line.flush()
 
     # --- closing ----------------------------------------------------------------------------------

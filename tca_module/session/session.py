@@ -213,10 +213,10 @@ class Session(OpenRequests):
         """
         if isinstance(header, headers.Lock) and self.prefetched:
             retained = [self.prefetched.popleft()] if self.may_begin_next else []
-            self.requeue_returned()
+            self.return_prefetched()
             self.prefetched.extend(retained)
 
-    def requeue_returned(self, recalled: Collection[int] | None = None) -> None:
+    def return_prefetched(self, recalled: Collection[int] | None = None) -> None:
         """Return prefetched deliveries to central: those in *recalled*, or all."""
         numbers = [header.delivery for header, _ in self.prefetched]
         returned = [number for number in numbers if recalled is None or number in recalled]
@@ -535,7 +535,7 @@ class Session(OpenRequests):
         Requested: lambda self, header, body: self.pending_calls.extend(
             self.open_deliveries.request(header, body)
         ),
-        headers.Recall: lambda self, header, _: self.requeue_returned(header.deliveries),
+        headers.Recall: lambda self, header, _: self.return_prefetched(header.deliveries),
         headers.Taken: _on_taken,
         headers.Replace: _on_replace,
         headers.Beat: lambda *_: None,

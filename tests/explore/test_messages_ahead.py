@@ -67,20 +67,20 @@ def no_wait_for_recall(patch: Patch) -> None:
 
 
 def recalled_message_started(patch: Patch) -> None:
-    def requeue_returned(self: Session, _: object = None) -> None:
+    def return_prefetched(self: Session, _: object = None) -> None:
         self.post(headers.Recalled([header.delivery for header, _ in self.prefetched]))
 
-    patch.setattr(Session, "requeue_returned", requeue_returned)
+    patch.setattr(Session, "return_prefetched", requeue_returned)
 
 
 def recalled_message_lost(patch: Patch) -> None:
-    real = Session.requeue_returned
+    real = Session.return_prefetched
 
-    def requeue_returned(self: Session, wanted: Any = None) -> None:
+    def return_prefetched(self: Session, wanted: Any = None) -> None:
         real(self, wanted)
         self.outgoing[-1] = headers.Recalled([]), b""
 
-    patch.setattr(Session, "requeue_returned", requeue_returned)
+    patch.setattr(Session, "return_prefetched", requeue_returned)
 
 
 def next_started_before_answer(patch: Patch) -> None:

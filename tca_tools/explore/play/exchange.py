@@ -115,10 +115,10 @@ class Exchange:
         if receive := _ON_PACKET.get(type(header)):
             receive(self, line, header, body)
 
-    def requeue_returned(self, line: ModuleLine, inbox: SlotInbox) -> None:
+    def return_prefetched(self, line: ModuleLine, inbox: SlotInbox) -> None:
         """Return the prefetched messages of a slot that leaves."""
         if inbox.session.prefetched:
-            inbox.session.requeue_returned()
+            inbox.session.return_prefetched()
             self.flush(line.name, inbox)
 
     def inbox_mismatch(self, line: ModuleLine, inbox: SlotInbox) -> str:

@@ -340,7 +340,7 @@ class Play(Exchange):
     def _say_goodbye(self, action: Action) -> None:
         line = self.lines[action.name]
         if line.inbox is not None:
-            self.requeue_returned(line, line.inbox)
+            self.return_prefetched(line, line.inbox)
         self._close(line)
         self.receive(line.name, headers.Bye())
 
