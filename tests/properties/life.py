@@ -315,7 +315,7 @@ class Life:
         if handler is not None and handler.slot is not None:
             name = handler.slot.id.decode()
             path = list(trouble_of(handler).failing.lineage())
-            task = TaskId(path[c % len(path)].id) if d % 4 else task  # one that this handler may retry
+            task = TaskId(path[c % len(path)].id) if d % 4 else task  # that it may retry
         if task:
             self.player.request(name, headers.Retry, task, b % 2 == 0, body=b"\x08")
 

@@ -265,8 +265,7 @@ class Facts:
         return found
 
     def working_under(self, step: PathStep) -> Iterator[Span]:
-        """Return the runs of handlers that worked for a task during a whole step, without a wait.
-        """
+        """Return the runs of handlers that worked for a task during a whole step, never waiting."""
         below = self.under(step.message_id)
         runs = (one for one in self.of("run") if one.owner in below and one.covers(step))
         return (run for run in runs if not any(self._own_waits(run, step)))
