@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 in_the_soak = False
-"""Whether new and more random examples are wanted; set before collection."""
+"""Whether new and more random examples are wanted. It is set before collection."""
 
 
 def lives(usual: int, soak: int) -> int:
