@@ -21,8 +21,7 @@ import tca_central
 CENTRAL_FOLDER = str(Path(tca_central.__file__).parent)
 FEW, MANY = 15, 200
 LEEWAY = 120
-"""Extra steps that do not count as growth: occasional sweeps, and the logarithm of a heap's size.
-"""
+"""Extra steps that are no growth: occasional sweeps, and the logarithm of a heap's size."""
 
 START = """
     module planner handles goal walk

@@ -243,8 +243,8 @@ class Facts:
         return self._is_alive(step)
 
     def _unknown(self, step: PathStep) -> bool:
-        """A step of unknown cause: no handler that could be the reason worked, and the task stood
-        in no queue.
+        """Whether a step has no known cause: no handler that could be the reason worked, and the
+        task stood in no queue.
         """
         was_suspended = any(one.covers(step) for one in self.of("queue", step.message_id))
         return self._is_alive(step) and not was_suspended and not any(self.working_under(step))
