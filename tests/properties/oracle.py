@@ -5,10 +5,10 @@ agendas, counters, heaps or tickets. Tasks are plain records, constraints a list
 timers a list of times.
 
 The oracle gets the same events as central. After each event the oracle tries every rule on every
-task until no rule changes anything. It then knows all reached points. Next, the oracle determines
-which tasks and messages may start, and which one is next at each resource. Central must have
-reached the same points and answered the same waits. Central must also have delivered in the order
-of priority and arrival, and sent nothing else.
+task until no rule changes anything: then all points are reached that may be. Next, the oracle
+determines which tasks and messages may start, and which one is next at each resource. Central must
+have reached the same points and answered the same waits. Central must also have delivered in the
+order of priority and arrival, and sent nothing else.
 
 The rules leave some choices open: ids of messages that central makes, the order of equal arrivals,
 and the slot. The oracle takes these choices from central (``Seen``). The oracle also accepts each

@@ -2,8 +2,8 @@
 
 A claim waits in one line with the messages, until no slot of its resource is busy except the slot
 that claims. The oracle looks for no deadlocks; test_deadlocks.py judges them. Central ends a
-deadlock in one of three ways. It refuses a wait, or takes a claim away: the oracle ends this wait or
-claim as if its sender had given up. Or central raises a failure: the oracle raises it, too.
+deadlock in one of three ways. If central refuses a wait or takes a claim away, the oracle ends the
+wait or claim as if its sender had given up. If central raises a failure, the oracle raises it, too.
 """
 
 from properties import oracle_failures, oracle_slots
