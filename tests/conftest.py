@@ -29,12 +29,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Make failures repeatable and test processes cheap.
 
-    Random examples are the same in every run, unless new ones are wanted, and have no deadline.
+    Random examples have no deadline. They are the same in every run, unless ``--new-lives`` asks
+    for new ones.
 
-    Byte code is kept even if the environment disables it: otherwise each of hundreds of test
+    Byte code is written even if the environment disables that. Otherwise each of hundreds of test
     processes would compile all sources again.
 
-    Ctrl-C ends the processes of the tests, also if a background shell ignores SIGINT.
+    Ctrl-C ends the tests and their processes, even if a background shell ignores SIGINT.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.dont_write_bytecode = False
@@ -59,10 +60,11 @@ def compile_once(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)  # xdist may be missing
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """With ``--dist loadfile``, run all tests of the page in one worker: a browser costs as much as
-    ten tests.
+    """With ``--dist loadfile``, run all tests of the page in one worker, because a browser costs as
+    much as ten tests.
 
-    The long simulated lives, half of the soak in one file, are shared out.
+    The long simulated lives are half of the soak, and in one file. They are spread over all
+    workers.
     """
     if config.getoption("dist") != "loadfile":
         return None
@@ -81,8 +83,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Keep tests and modules out of garbage collection, during collection and later. Later
-    collections are rarer than usual.
+    """Run no garbage collection while tests are collected. Later ones are rarer than usual, and
+    skip the objects that exist by then.
     """
     gc.disable()
     found = yield
@@ -116,8 +118,8 @@ def rewrite(request: pytest.FixtureRequest) -> bool:
 def approve(
     request: pytest.FixtureRequest, rewrite: bool
 ) -> Callable[[str, Callable[[str], object]], None]:
-    """Compare a file beside the test: each line is a case, with its expected text indented below.
-    ``--rewrite`` updates it.
+    """Compare a file beside the test. Each line of the file is a case, with its expected text
+    indented below. ``--rewrite`` updates the file.
     """
 
     def compare(name: str, message_of: Callable[[str], object]) -> None:

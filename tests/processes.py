@@ -1,7 +1,7 @@
 """Real processes for tests: start, read and stop centrals and programs.
 
-Python programs are forked from a process that has imported all packages, so they start at once. A
-test with five programs would otherwise import the same packages five times.
+Python programs are forked from a process that has imported all packages. Otherwise a test with five
+programs would import the same packages five times.
 """
 
 import functools
@@ -28,9 +28,9 @@ SOON = 120.0
 
 
 class Process:
-    """``python COMMAND...``, with pipes to and from it (or *log* for its output).
+    """A process ``python COMMAND...``, with pipes to its streams, or with *log* for its output.
 
-    It has the methods of ``subprocess.Popen``, and :meth:`hear`.
+    The class has the methods of ``subprocess.Popen``, and :meth:`hear`.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Process:
             assert self.stdout.readline() == f"{line}\n"
 
     def poll(self) -> int | None:
-        """Its exit code, as of ``os.waitstatus_to_exitcode``; None while it runs."""
+        """Return the exit code, as ``os.waitstatus_to_exitcode``; None while the process runs."""
         if self.returncode is None:
             self.returncode = _fork_server().exit_code(self.pid)
         return self.returncode
@@ -70,7 +70,7 @@ class Process:
         return code
 
     def communicate(self, text: str = "", timeout: float = SOON) -> tuple[str, str]:
-        """Its output until its end, from both streams, which are closed then."""
+        """Return the output until the process ends, from both streams, and close them."""
         if self.stdout.closed:
             return "", ""
         outputs: dict[IO[str], str] = {}
@@ -101,7 +101,7 @@ class Process:
         self.send_signal(signal.SIGKILL)
 
     def close(self) -> None:
-        """Kill it, if it has not ended."""
+        """Kill the process, if it has not ended."""
         self.kill()
         self.wait()
         self._close_streams()
@@ -132,13 +132,13 @@ def _text(file: int, mode: str) -> IO[str]:
 
 
 def _pipe(*, is_input: bool) -> tuple[int, int]:
-    """A pipe: our end, and the process's end."""
+    """Return a pipe: our end, and the process's end."""
     reads, writes = os.pipe()
     return (writes, reads) if is_input else (reads, writes)
 
 
 class Central:
-    """A running daemon; *command* runs another program than this checkout's."""
+    """A running daemon. *command* runs another program than the daemon of this checkout."""
 
     def __init__(
         self, folder: Path, *options: str, bind: str = "", command: Sequence[str] = ()
@@ -160,7 +160,7 @@ class Central:
         self.process.communicate()
 
     def facts(self, *kinds: type) -> list[Any]:
-        """All facts of its journal, of the given kinds."""
+        """Return all facts of the journal, or those of the given kinds."""
         from tca_tools.journal.journals import open_log
 
         return [
@@ -171,7 +171,7 @@ class Central:
         ]
 
     def stop(self) -> str:
-        """Stop it; return its log after the first line."""
+        """Stop the daemon. Return its log after the first line."""
         if self.process.poll() is None:
             self.process.terminate()
         return str(self.process.communicate(timeout=10)[1])
@@ -197,14 +197,14 @@ def program(text: str, address: str, *words: str, cwd: Path | None = None) -> Pr
 
 
 def run(*command: str, **environment: str) -> "subprocess.CompletedProcess[str]":
-    """``python COMMAND...``, to its end."""
+    """Run ``python COMMAND...`` to its end."""
     with Process(*command, environment=environment) as running:
         output, errors = running.communicate()
         return subprocess.CompletedProcess(command, running.wait(), output, errors)
 
 
 def tca(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    """The command ``tca``."""
+    """Run the command ``tca`` to its end."""
     return run("tca", *arguments)
 
 
@@ -212,7 +212,7 @@ def tca(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 class _ForkServer:
-    """The process that forks others, and reports their exit codes."""
+    """The process that forks other processes, and reports their exit codes."""
 
     def __init__(self) -> None:
         self._line, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -246,7 +246,7 @@ class _ForkServer:
         return int(self._ask(words, files))
 
     def exit_code(self, process: int) -> int | None:
-        """The exit code of a process, or None. It must not be asked again after the end."""
+        """Return the exit code of a process; None while it runs. The code can be read only once."""
         code: int | None = self._ask({"look": process})
         return code
 
@@ -263,7 +263,7 @@ def end() -> None:
 
 
 def _serve_forks(line: socket.socket) -> list[str]:
-    """Fork on each request. Returns in each new process only, with its command."""
+    """Fork on each request. The function returns in new processes only, with their command."""
     while packet := socket.recv_fds(line, 1 << 20, 3):
         text, files, *_ = packet
         if not text:
@@ -290,7 +290,7 @@ def _serve_forks(line: socket.socket) -> list[str]:
 
 
 def _become(command: list[str]) -> None:
-    """Become ``python COMMAND...``, ``tca ...``, or another program, given by its path."""
+    """Become ``python COMMAND...``, ``tca ...``, or the program at a path."""
     how, *words = command
     sys.argv = command
     if how == "-m":
@@ -319,6 +319,6 @@ PACKAGES = (
 if __name__ == "__main__":
     for name in PACKAGES:
         import_module(name)
-    del sys.modules["tca_central.__main__"]  # it runs as the main module
+    del sys.modules["tca_central.__main__"]  # the module runs as the main module later
     gc.freeze()
     _become(_serve_forks(socket.socket(fileno=int(sys.argv[1]))))

@@ -1,4 +1,4 @@
-"""Sampling of many combinations: the suite tries some, and the soak all."""
+"""Sampling of many combinations. The suite tries some of them, the soak all."""
 
 from collections.abc import Iterable
 from itertools import product
@@ -7,18 +7,19 @@ from typing import Any
 import pytest
 
 in_the_soak = False
-"""Whether new and more random examples are wanted; set before collection."""
+"""Whether new and more random examples are wanted. It is set before collection."""
 
 
 def lives(usual: int, soak: int) -> int:
-    """The number, or length, of random examples: larger in the soak."""
+    """Return the number or length of random examples: *soak* in the soak, otherwise *usual*."""
     return soak if in_the_soak else usual
 
 
 def one_in(number: int, first: Iterable[str], second: Iterable[str]) -> list[Any]:
-    """All pairs of two lists, as parameters; only one in *number* runs outside the soak.
+    """Return all pairs of two lists, as parameters. Outside the soak, only one pair in *number*
+    runs.
 
-    They include each item of both lists, if neither is shorter than *number*.
+    The pairs that run include each item of both lists, if neither list is shorter than *number*.
     """
     numbered = product(enumerate(first), enumerate(second))
     return [

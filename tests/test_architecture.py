@@ -263,7 +263,7 @@ def nodes(path: Path) -> list[ast.AST]:
 
 @cache
 def imports(path: Path) -> frozenset[str]:
-    """Dotted names that a file imports, also for types only."""
+    """Return the dotted names that a file imports, even if only for types."""
     found = set()
     for node in nodes(path):
         if isinstance(node, ast.Import):
@@ -280,7 +280,7 @@ def files(package: str) -> list[Path]:
 
 
 def own_row(path: Path) -> set[str]:
-    """Allowed imports of a file, by the row of its subpackage or package."""
+    """Return the imports that a file may have, by the row of its subpackage or package."""
     package, *rooms = path.relative_to(ROOT).parts
     return MAY_IMPORT.get(f"{package}.{rooms[0]}") or MAY_IMPORT.get(package, set())
 
@@ -299,7 +299,7 @@ def test_packages_import_along_the_arrows(package: str) -> None:
 
 
 def test_source_files_have_no_import_cycle() -> None:
-    """Not for types either: each file must be readable after the files that it builds on."""
+    """Imports for types count, too. Each file must be readable after the files that it uses."""
     paths = [path for package in PACKAGES for path in files(package) if path.name != "__init__.py"]
     named = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in paths}
     arrows = {
@@ -370,7 +370,7 @@ def test_live_commands_import_rich_for_screens_only() -> None:
 
 
 def test_message_classes_are_named_in_few_files() -> None:
-    """A new message class is a row of traits, a declaration and a route; other code uses traits
+    """A new message class is a row of traits, a declaration and a route. All other code uses traits
     only.
     """
     naming = {
@@ -416,7 +416,7 @@ def test_test_names_have_at_most_60_characters() -> None:
 
 
 def test_source_code_never_executes_its_input() -> None:
-    """Except the explorer, which copies its runs by pickle: the bytes never leave the process."""
+    """The explorer may copy its runs by pickle, because these bytes never leave the process."""
     never = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "yaml", "dbm"}
     for package in (*PACKAGES, "dev"):
         for path in files(package):
@@ -438,7 +438,7 @@ def test_source_code_never_executes_its_input() -> None:
 
 
 def test_file_names_are_unique() -> None:
-    """pytest confuses two files of one name, unless their folders are packages: then it tests
+    """pytest confuses two files with one name, unless their folders are packages. It then tests
     nothing at all.
     """
     found: dict[str, list[Path]] = defaultdict(list)

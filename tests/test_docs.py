@@ -1,7 +1,7 @@
-"""Code in README and docs/ is correct: quotes match their examples, and all other code passes mypy.
+"""Code in README and docs/ is correct. Quotes match their examples, and all other code passes mypy.
 
-mypy sees each block after the names that its page assumes. It finds missing calls, options and
-names, and data of wrong types.
+mypy sees each block after the names that its page assumes. It finds wrong calls, options and names,
+and data of wrong types.
 """
 
 import ast
@@ -209,17 +209,17 @@ class Block:
 
     @property
     def lines(self) -> list[str]:
-        """Its lines of code, without comments."""
+        """Return the lines of code of the block, without comments."""
         return [line for line in (without_comment(line) for line in self.text.splitlines()) if line]
 
 
 def without_comment(line: str) -> str:
-    """A line of code without its comment, or a "..." for omitted code."""
+    """Return a line of code without its comment, and without a "..." for omitted code."""
     return re.sub(r"(^|  )#.*", "", line).strip().removesuffix(": ...").removesuffix(":")
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """The fenced blocks of a page, and those that are indented after an empty line."""
+    """Yield the fenced blocks of a page, and those that are indented after an empty line."""
     for found in re.finditer(
         r"^```(?P<language>\w*)\n(?P<fenced>.*?)^```$|(?<=\n\n)(?P<indented>(?:    [^\n]*\n(?:\n(?=    ))*)+)",
         page.read_text(),

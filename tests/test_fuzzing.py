@@ -1,5 +1,5 @@
-"""Hostile bytes for each target of fuzz/: the same few in every run, and minutes of fuzzing with
-``make soak``.
+"""Hostile bytes for each target of fuzz/. Every run tries the same few inputs; ``make soak`` fuzzes
+for minutes.
 """
 
 import re

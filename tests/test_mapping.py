@@ -1,4 +1,4 @@
-"""The counterparts in docs/tca-mapping.md exist: each name in tables and notes is resolved, and
+"""The counterparts in docs/tca-mapping.md exist. Each name in tables and notes is resolved, and
 each link leads to a file.
 """
 
@@ -40,7 +40,9 @@ def public_classes() -> list[type]:
 
 
 def has(owner: type, name: str) -> bool:
-    """Whether objects of a class have an attribute: in the class, annotated, or set in __init__."""
+    """Whether objects of a class have an attribute. It may be in the class, annotated, or set in
+    __init__.
+    """
     if hasattr(owner, name) or any(
         name in getattr(kind, "__annotations__", {}) for kind in owner.__mro__
     ):
@@ -53,7 +55,7 @@ def has(owner: type, name: str) -> bool:
 
 
 def keywords() -> set[str]:
-    """All keywords of public calls."""
+    """Return all keywords of public calls."""
     options = (tca_module.TaskOptions, tca_module.MonitorOptions, tca_module.HandlerOptions)
     found = {name for one in options for name in one.__annotations__}
     for kind in public_classes():

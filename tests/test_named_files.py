@@ -40,7 +40,7 @@ def named(text: str) -> set[str]:
 
 
 def prose(path: Path, text: str) -> Iterator[str]:
-    """The sentences of a page, or the comments and docstrings of a program."""
+    """Yield the sentences of a page, or the comments and docstrings of a program."""
     if path.suffix == ".md":
         yield re.sub(r"^```.*?^```$|^    [^\n]*$", "", text, flags=re.MULTILINE | re.DOTALL)
         return

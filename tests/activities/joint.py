@@ -19,7 +19,7 @@ class JointData(msgspec.Struct):
 
 
 class Joint(Component[JointData]):
-    """A joint that moves between 0 and 1, and finds its position by driving to 0 first."""
+    """A joint that moves between 0 and 1. First, the joint finds its position by driving to 0."""
 
     def __init__(self, name: str = "x") -> None:
         super().__init__(name, JointData, period=STEP)

@@ -25,8 +25,8 @@ class Ticked:
 
 
 def in_virtual_time(processors: Sequence[Sequence[Demand]]) -> VirtualBaton:
-    """Start the processors, in order of priority, in virtual time. Each tick takes its whole
-    estimate.
+    """Start processors, in order of priority, in virtual time. Each tick takes as long as its
+    activity's estimate.
     """
     baton = VirtualBaton()
     with baton.changing() as schedule:
@@ -44,7 +44,7 @@ def in_virtual_time(processors: Sequence[Sequence[Demand]]) -> VirtualBaton:
 def task_sets(
     draw: st.DrawFn, periods: Sequence[int] = (4, 5, 6, 8, 10, 12, 20, 24)
 ) -> list[Demand]:
-    """Task sets by UUniFast, with any utilisation and period. All times are whole numbers."""
+    """Draw a task set by UUniFast, with any utilisation and period. All times are whole numbers."""
     number = draw(st.integers(1, 6))
     left = draw(st.floats(0.3, 1.1))
     found = []

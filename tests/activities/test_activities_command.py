@@ -19,7 +19,7 @@ from tca_module import Module, connect
 
 
 def command_error(address: str, *arguments: str) -> str:
-    """The output of a command that starts no page."""
+    """Return the output of a command that starts no page."""
     result = CliRunner().invoke(activities, [*arguments, "--central", address, "--no-browser"])
     assert result.exit_code == 1
     return result.output.strip()
@@ -93,7 +93,9 @@ def test_page_shows_lost_central_and_new_central_gets_all_state(
 def test_page_shows_that_an_application_is_stalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here drawing a picture blocks; a stopped program (SIGSTOP) is equally silent."""
+    """Here the program hangs while it draws a picture. A stopped program (SIGSTOP) is equally
+    silent.
+    """
     monkeypatch.setattr(page, "SILENCE", 2.5)
     drawing, is_drawn = threading.Event(), threading.Event()
 

@@ -1,5 +1,5 @@
-"""Models with random faults: each is rejected with its line, or its components run and can be
-drawn.
+"""Models with random faults. Each model is rejected with the line of its fault, or its components
+run and can be drawn.
 """
 
 import tomllib
@@ -50,7 +50,7 @@ def keys_of(node: Any) -> list[Any]:
 
 
 def places(node: Any) -> list[tuple[Any, Any]]:
-    """All containers of a model, each with each of its keys."""
+    """Return all containers of a model, each with each of its keys."""
     keys = keys_of(node)
     return [(node, key) for key in keys] + [place for key in keys for place in places(node[key])]
 

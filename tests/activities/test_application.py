@@ -28,7 +28,7 @@ class Counts:
 
 
 class Counter(Component[Counts]):
-    """Three activities that count their ticks."""
+    """A component with three activities that count their ticks."""
 
     def __init__(self, name: str, *, estimate: float | None = None) -> None:
         super().__init__(name, Counts)
@@ -92,7 +92,7 @@ def test_activities_are_ticked_one_at_a_time_under_any_change() -> None:
 
 
 class NotingBaton(Baton):
-    """Records which processors had a thread before the newest change."""
+    """A baton that records which processors had a thread before the newest change."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -139,7 +139,7 @@ def test_application_starts_and_stops_repeatedly() -> None:
                 match=r"Application 'test' is running: call stop\(\) before initialise\(\)",
             ):
                 application.initialise()
-    application.start()  # continues from its old state
+    application.start()  # the application continues from its old state
     application.start()
     application.stop()
     application.stop()
@@ -190,7 +190,7 @@ def test_activity_may_stop_the_application() -> None:
 
 
 def test_component_cannot_be_initialised_from_its_own_tick() -> None:
-    """It would deadlock with itself."""
+    """The component would wait for the end of its own tick."""
     counter, other = Counter("c"), Counter("d")
     refused: list[str] = []
 
@@ -250,7 +250,7 @@ def test_long_tick_does_not_block_allocation(
 
 
 class HastyBaton(Baton):
-    """A baton on which the clock jumps now and then between two readings."""
+    """A baton whose clock sometimes jumps between two readings."""
 
     def __init__(self) -> None:
         super().__init__()

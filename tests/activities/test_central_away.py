@@ -1,4 +1,6 @@
-"""Central is killed and absent for longer than any patience. It gets all changes after its restart."""
+"""Central is killed and absent for longer than any patience. After its restart, central gets all
+changes.
+"""
 
 import logging
 import threading
@@ -67,7 +69,7 @@ def test_changes_during_central_downtime_are_published_later(
 
 @pytest.mark.soak
 def test_page_command_works_at_once_after_central_restart(tmp_path: Path) -> None:
-    """The page gave up its connection, so central need not wait for it."""
+    """The page had given up its connection, so central need not wait for the page."""
     central = Central(tmp_path)
     module, live = Module("robot", central.address), LiveApplication("robot", central.address)
     Manager(Application("robot", [Joint()], baton=VirtualBaton())).handle_in(module)

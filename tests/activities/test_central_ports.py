@@ -1,6 +1,4 @@
-"""Ports connect with central: messages arrive, and values are sent, without a tick that waits for
-central.
-"""
+"""Ports connected with central. Messages arrive and values are sent; no tick waits for central."""
 
 import pytest
 from activities.joint import Joint, Target

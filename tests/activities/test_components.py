@@ -127,7 +127,7 @@ def test_component_can_be_initialised_again(joint: Joint) -> None:
 
 
 def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) -> None:
-    """It slows down near its target, and stops outside its range."""
+    """The joint slows down near its target, and stops outside its range."""
     ready(joint).target.put(Target(2.0))
     changes: list[RegionChange] = []
     for region in joint.regions.values():
@@ -154,7 +154,7 @@ def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) ->
 
 
 class Chain(Component[None]):
-    """Records entries and exits of its states."""
+    """A component that records entries and exits of its states."""
 
     def __init__(self, log: list[str]) -> None:
         super().__init__("chain", lambda: None)
@@ -168,7 +168,7 @@ class Chain(Component[None]):
         other = region.state("other", **steps("other"))
         one.to(two, on="next")
         two.to(two, on="next", when=lambda: True)
-        outer.to(other, on="next")  # inner transitions go first
+        outer.to(other, on="next")  # transitions of inner states come first
         outer.to(other, on="out")
         outer.to(one, on="again")
         other.to(two, on="back")
@@ -227,7 +227,7 @@ def test_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
 
 
 class Watch(Component[list[float]]):
-    """Records received values."""
+    """A component that records the values that it receives."""
 
     def __init__(self, name: str, *, begins: bool) -> None:
         super().__init__(name, list)

@@ -35,14 +35,14 @@ class Town(NamedTuple):
         sent.result(timeout=5)
 
     def allocated(self) -> dict[str, list[str]]:
-        """The published allocation to processors."""
+        """Return the published allocation to processors."""
         report = self.user.get_variable(NAMES.allocation)
         return {one.name: [each.name for each in one.activities] for one in report.processors}
 
 
 @pytest.fixture
 def short_queue(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At most three unpublished transitions are kept."""
+    """Let the manager keep at most three unpublished transitions."""
     monkeypatch.setattr("tca_behaviours.activities.manager.manager._MAX_WAITING", 3)
 
 

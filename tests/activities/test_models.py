@@ -24,7 +24,7 @@ TEXT = MODEL.read_text()
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """A copy of the model in its own folder."""
+    """Return a copy of the model in its own folder."""
     path = tmp_path / "robot" / "cleaning.toml"
     path.parent.mkdir()
     path.write_text(TEXT)
@@ -230,7 +230,9 @@ def test_generated_code_passes_mypy(model: Path) -> None:
 
 
 def test_each_transition_has_its_own_arrow(model: Path) -> None:
-    """A stop and a loss of power between two states are two transitions, not one that needs both."""
+    """Two states may have two transitions, one for a stop and one for a loss of power. One arrow
+    for both would suggest that both are needed.
+    """
     labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
     assert [label for label in labels if "able" in label or "stop" in label] == [
         "&#160;disable&#160;",

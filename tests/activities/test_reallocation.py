@@ -1,4 +1,6 @@
-"""A running application with threads, reallocated all the time from Python and by commands."""
+"""A running application with threads, whose activities are reallocated all the time, from Python
+and by commands.
+"""
 
 import itertools
 import time
@@ -15,7 +17,7 @@ NAMES = ApplicationMessages("counters")
 
 
 class Counted(Component[dict[str, int]]):
-    """Three activities that count their ticks."""
+    """A component with three activities that count their ticks."""
 
     def __init__(self) -> None:
         super().__init__("c", dict)

@@ -39,7 +39,7 @@ def processors(draw: st.DrawFn) -> Processors:
 
 
 def preemptive_responses(processors: Processors) -> list[float]:
-    """The longest response time of each processor under preemptive scheduling by priority."""
+    """Return each processor's longest response time under preemptive scheduling by priority."""
     releases = sorted(
         (float(turn * one.period), number, one.cost)
         for number, each in enumerate(processors)
@@ -87,7 +87,7 @@ def test_response_bounds_are_exact_for_preemptive_processors(processors: Process
 def test_response_bounds_are_safe_without_preemption(
     processors: Processors, offsets: list[int]
 ) -> None:
-    """For any offsets of the activities."""
+    """The bounds are safe for any offsets of the activities."""
     baton = in_virtual_time(processors)
     for activity, offset in zip(baton.schedule.activities.values(), offsets, strict=False):
         activity.release = Period(float(offset), activity.period)

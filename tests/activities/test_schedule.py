@@ -15,7 +15,7 @@ PERIODS = [2 * UNIT, 3 * UNIT, 4 * UNIT, 10 * UNIT]
 
 
 class RunningSchedule:
-    """Activities on processors in virtual time; a tick takes 10 by default."""
+    """Activities on processors in virtual time. A tick takes 10 units by default."""
 
     def __init__(self, periods: list[float], costs: dict[str, float] = {}) -> None:  # noqa: B006 - never changed
         self.baton = VirtualBaton(lambda activity: costs.get(activity.name, 10.0))
@@ -111,7 +111,7 @@ def test_processor_of_highest_priority_runs_first(sets: list[list[Demand]]) -> N
 
 @given(st.permutations(["a", "b", "c", "d"]), st.integers(1, 1000))
 def test_processor_ticks_activities_in_subscription_order(names: list[str], cost: int) -> None:
-    """Also under overload: then all tick less often."""
+    """The order also holds under overload, when all activities tick less often."""
     baton = in_virtual_time([[Demand(name, 1000.0, cost) for name in names]])
     baton.run(100_000)
     log = [name for one in baton.schedule.activities.values() for name, _ in one.activity.log]  # type: ignore[attr-defined]

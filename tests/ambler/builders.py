@@ -24,14 +24,14 @@ def flat(x: Array, y: Array) -> Array:
 
 
 def a_map(ground: Ground = flat, size: float = 12.0) -> ElevationMap:
-    """A map without unknown cells; *ground* gives their heights."""
+    """Return a map without unknown cells. *ground* gives the heights of the cells."""
     side = round(size / RESOLUTION)
     x, y = -size / 2 + RESOLUTION * np.indices((side, side))
     return make_map(-size / 2, -size / 2, ground(x, y), np.ones((side, side), dtype=bool))
 
 
 def a_stance(pose: Pose = ORIGIN, height: float = 0.0) -> Stance:
-    """The standard configuration on level ground."""
+    """Return the standard configuration on level ground."""
     feet = standard_feet(pose, height)
     return Stance(Pose(pose.x, pose.y, pose.heading, body_height(feet)), feet)
 
@@ -47,12 +47,12 @@ def a_step(curvature: float = 0.0) -> Step:
 class StepReport(NamedTuple):
     step: Step
     footfall: Footfall
-    margin: float  #: the least, m
+    margin: float  #: the least margin of stability, in m
     ground: ElevationMap
 
 
 def take_step(robot: Robot, arc: Arc, known: ElevationMap | None) -> StepReport:
-    """Perceive, plan, move a leg, move the body; *known* is the map so far."""
+    """Perceive, plan, move a leg, move the body. *known* is the map of the earlier steps."""
     stance = robot.stance()
     ground = build_elevation_map(robot.scan(), stance, known)
     step = next_step(stance, arc)
@@ -73,7 +73,7 @@ def take_steps(
 
 
 def the_first_leg_move(robot: Robot) -> LegMove:
-    """A leg move planned from a scan at the robot's place."""
+    """Return a leg move planned from a scan at the robot's place."""
     stance = robot.stance()
     ground = build_elevation_map(robot.scan(), stance)
     step = next_step(stance, an_arc())

@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 
 class FakeClock:
-    """Replaces the time module: sleeping only advances the clock."""
+    """A replacement of the time module. Sleeping only advances its clock."""
 
     def __init__(self) -> None:
         self.now = 0.0

@@ -1,4 +1,4 @@
-"""Rocks that the scanner does not see: legs detect them by contact, stop, and stand again."""
+"""Rocks that the scanner does not see. Legs detect the rocks by contact, stop, and stand again."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""The published picture of the robot: how often it is drawn; the walk does not depend on it."""
+"""The published picture of the robot, and how often it is drawn. The walk does not depend on the
+picture.
+"""
 
 from typing import Any
 
@@ -15,7 +17,7 @@ HILLS = TerrainSpec(seed=2, slope=0.3)
 
 
 class FakeSender:
-    """Receives values of variables, or fails."""
+    """A sender that stores the values of variables, or fails."""
 
     def __init__(self, error: TcaError | None = None) -> None:
         self.values: list[Any] = []

@@ -1,4 +1,4 @@
-"""Injected faults wait until they can occur, also over the loss of the controller."""
+"""Injected faults wait until they can occur. They are not lost with the controller."""
 
 import math
 from dataclasses import replace

@@ -21,7 +21,7 @@ PIL_IMAGE = pytest.importorskip("PIL.Image")
 
 @pytest.fixture
 def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
-    """A robot whose pictures are all alike."""
+    """Return a robot whose pictures are all alike."""
     robot = make_robot("kinematic")
 
     def picture(path: Path, size: tuple[int, int]) -> Path:

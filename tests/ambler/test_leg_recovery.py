@@ -47,7 +47,7 @@ def test_right_stack_turns_the_other_way() -> None:
 
 
 def a_wall(x: Array, y: Array) -> Array:
-    """A wall 1 m high, only where the leg passes under the body."""
+    """Return a wall 1 m high, only where the leg passes under the body."""
     return np.where((np.abs(x) < 0.15) & (y > -0.3) & (y < 0.1), 1.0, 0.0)
 
 

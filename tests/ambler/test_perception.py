@@ -22,7 +22,7 @@ NO_POINTS = np.empty((0, 3))
 
 
 def patch(x: float, y: float, height: float) -> Array:
-    """A dense square metre of points."""
+    """Return a dense square metre of points."""
     across, along = np.meshgrid(np.arange(x, x + 1, 0.05), np.arange(y, y + 1, 0.05))
     return np.stack([across.ravel(), along.ravel(), np.full(across.size, height)], axis=1)
 

@@ -138,9 +138,7 @@ def test_stability_check_returns_its_margins(
 def test_foot_without_measured_load_is_placed_elsewhere(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A force sensor reads zero once after a move, and the check can't know that the foot stands
-    well.
-    """
+    """A force sensor reads zero once after a move. The check cannot know that the foot is safe."""
     truth, believed = robot.readings, iter([True, False])
 
     def readings() -> Readings:
@@ -177,7 +175,7 @@ def test_leg_over_collapsed_ground_is_lowered_before_a_move(
 def test_image_numbers_increase_after_footstep_count_reset(
     user: Client,
 ) -> None:
-    """As after the loss of the gait planner, which counts footsteps."""
+    """The gait planner counts footsteps, and begins again after its loss."""
     user.command(ACQUIRE_IMAGE, 5).result(timeout=10)
     (first,) = user.query(IMAGES, 0)
     user.command(ACQUIRE_IMAGE, 0).result(timeout=10)
@@ -188,7 +186,7 @@ def test_image_numbers_increase_after_footstep_count_reset(
 def test_tilting_move_restarts_after_levelling(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All legs of one side are a little short, unnoticed before the move."""
+    """All legs of one side are a little short. This is not noticed before the move."""
     monkeypatch.setattr(tip_over, "MOST_TILT", 1.0)
     shorter = np.zeros((6, 3))
     shorter[:3, 2] = -0.16

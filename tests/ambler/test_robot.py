@@ -40,7 +40,7 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
 
 
 def greatest_shift(before: Stance, after: Stance, *, without: int = -1) -> float:
-    """The greatest distance (m) of any foot from its earlier place."""
+    """Return the greatest distance (m) of any foot from its earlier place."""
     pairs = zip(before.feet, after.feet, strict=True)
     return max(math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) for a, b in pairs if a.leg != without)
 

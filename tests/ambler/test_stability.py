@@ -22,7 +22,7 @@ shifts = st.floats(-0.4, 0.4)
 
 
 def shifted(forward: float, left: float) -> Stance:
-    """A stance whose body is moved over standing feet."""
+    """Return a stance whose body is moved over standing feet."""
     stance = a_stance()
     return Stance(Pose(forward, left, 0.0, stance.pose.height), stance.feet)
 
@@ -37,7 +37,7 @@ def test_symmetric_robot_has_its_centre_of_gravity_in_the_middle() -> None:
 @given(shifts, shifts)
 @settings(max_examples=30)
 def test_support_margin_agrees_with_brute_force(forward: float, left: float) -> None:
-    """Brute force: the nearest line through two feet with all other feet on one side."""
+    """Brute force finds the nearest line through two feet that has all other feet on one side."""
     stance = shifted(forward, left)
     points = np.array([[foot.x, foot.y] for foot in stance.feet])
     centre = world_centre_of_gravity(stance)[:2]

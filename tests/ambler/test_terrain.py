@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import ORIGIN, TERRAINS, Rock, TerrainSpec
 def test_hills_reach_the_requested_slope_and_never_exceed_it(
     seed: int, slope: float, heading: float
 ) -> None:
-    """Along any path of 60 m from the start."""
+    """The rule holds along any path of 60 m from the start."""
     terrain = Terrain(TerrainSpec(seed, slope))
     ways = np.arange(0.0, 60.0, 0.25)
     slopes = [terrain.gradient_at(way * np.cos(heading), way * np.sin(heading)) for way in ways]

@@ -27,7 +27,7 @@ PLANNED = Moment.END_PLANNING
 
 
 def begun() -> Story:
-    """A story in which the modules have joined."""
+    """Return a story in which the modules have joined."""
     story = (
         Story()
         .module("gait planner", "traverse arc", "take steps")
@@ -40,7 +40,7 @@ def begun() -> Story:
 
 
 def check(story: Story, name: str, move: int, took: float = 0.1) -> None:
-    """A wiretap's check of a move."""
+    """Add a wiretap's check of a move."""
     number = story.command(name, "central", move, origin=0, role=Role.LISTENER, about=move)
     story.acted(number, "layer", took)
 
@@ -53,8 +53,8 @@ def test_walk_rules_do_not_import_the_robot() -> None:
 
 
 def tried_twice(checks: tuple[int, int]) -> History:
-    """A leg move that fails and is retried, with the given numbers of stability checks before each
-    attempt.
+    """Return a run in which a leg move fails and is retried. *checks* has the numbers of stability
+    checks before each attempt.
     """
     story = begun()
     move = story.command("move leg", "gait planner")
@@ -123,8 +123,8 @@ def test_killed_leg_move_needs_no_footfall_check() -> None:
 
 
 def walked(*ahead: bool) -> History:
-    """An arc with one more step than flags. For each flag, the next step is planned during the
-    current one, or after it.
+    """Return a run of an arc with one more step than flags. Each flag says whether the next step is
+    planned during the present step or after it.
     """
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
@@ -166,7 +166,7 @@ def test_planned_ahead_allows_nine_steps_of_ten() -> None:
 
 
 def test_replanned_step_is_not_planned_ahead() -> None:
-    """The step for which it was first planned was walked long before."""
+    """The step during which it was first planned was walked long before."""
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
     step = story.goal("take steps", "gait planner", arc)
@@ -194,8 +194,8 @@ def test_replanned_step_is_not_planned_ahead() -> None:
 
 
 def imaged(how: str) -> Story:
-    """A leg move beside an image. The image's lock waits for the move, is granted too early, or is
-    missing.
+    """Return a story of a leg move beside an image. The image's lock waits for the move, is granted
+    too early, or is missing.
     """
     story = begun()
     move = story.command("move leg", "gait planner", to="controller")
@@ -225,7 +225,7 @@ def violated(story: Story, folder: Path) -> set[str]:
 
 
 def test_move_during_the_scanner_lock_breaks_the_rule(tmp_path: Path) -> None:
-    """The general rules of locks report it, too."""
+    """The general rules of locks report the move, too."""
     own = str(NO_MOVE_WHILE_LOCKED)
     assert not {own, LOCKED.text, GRANTED.text} & violated(imaged("kept"), tmp_path / "kept")
     assert {own, LOCKED.text} <= violated(imaged("entered"), tmp_path / "entered")

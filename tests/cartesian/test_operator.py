@@ -1,4 +1,4 @@
-"""Commands of users: each ends when it is done, or reports why it failed."""
+"""Commands of users. Each command ends when its work is done, or reports why it failed."""
 
 from collections.abc import Iterator
 
@@ -39,7 +39,7 @@ class Town:
             self.central.advance(0.1)
 
     def carried_out(self, sent: SentTask[None], within: float = 30.0) -> None:
-        """Advance until a command has ended. Raises TaskFailed."""
+        """Advance until a command has ended. Raise TaskFailed if it failed."""
         end = self.central.now() + within
         while sent.info() is not None and self.central.now() < end:
             self.pass_time(0.1)

@@ -21,7 +21,9 @@ class VirtualRobot:
         self.application.start()
 
     def run_until(self, holds: Callable[[], bool], within: float = 40.0) -> float:
-        """Advance until a condition holds; return the time. Fails after a limit."""
+        """Advance until a condition holds, and return the time. Fail if *within* seconds are over
+        before.
+        """
         end = self.baton.clock() + within
         while not holds():
             assert self.baton.clock() < end, self.states()
@@ -29,7 +31,7 @@ class VirtualRobot:
         return self.baton.clock()
 
     def states(self) -> dict[str, str]:
-        """The current state of each region."""
+        """Return the current state of each region."""
         return {
             f"{part.name}.{region.name}": region.current
             for part in self.parts.all
@@ -37,11 +39,11 @@ class VirtualRobot:
         }
 
     def positions(self) -> list[float]:
-        """The true positions of the axes."""
+        """Return the true positions of the axes."""
         return [axis.position for axis in self.parts.device.mechanism.axes.values()]
 
     def scene(self) -> Scene:
-        """The visible scene."""
+        """Return the visible scene."""
         assert self.parts.device.scene.value is not None
         return self.parts.device.scene.value
 

@@ -1,4 +1,4 @@
-"""Play modules against the pure core: each call is one event and returns what central sent."""
+"""Play modules against the pure core. Each call is one event, and returns what central sent."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -33,8 +33,8 @@ from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
 WITH_EXPLICIT_ORIGIN = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
-"""Requests in which a test names the handler that asks. For all other requests, the player names
-the handler that the connection runs.
+"""Requests in which a test names the handler that sends them. In all other requests, the player
+names the newest handler that the connection runs.
 """
 
 IN_PYTHON = pytest.mark.skipif(
@@ -44,8 +44,8 @@ IN_PYTHON = pytest.mark.skipif(
 
 
 class Player:
-    """One central and any number of modules, named by single words. Every event is followed by a
-    check of the invariants.
+    """One central and any number of modules, named by single words. The invariants are checked
+    after every event.
     """
 
     prefetch = 0
@@ -63,8 +63,8 @@ class Player:
 
     @classmethod
     def of(cls, *modules: str, check: bool = True) -> Self:
-        """A central with modules, each given with the messages that it handles, such as "legs:
-        command move, query where" or "user".
+        """Return a player with modules. Each module is given with the messages that it handles,
+        such as "legs: command move, query where", or by its name alone.
         """
         player = cls()
         player.check = check
@@ -89,7 +89,7 @@ class Player:
                 )
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
-        """Let central receive a message. Return all headers that it sent."""
+        """Let central receive a message. Return all headers that central sent."""
         self.time += 1.0
         if getattr(header, "origin", None) == 0 and not isinstance(header, WITH_EXPLICIT_ORIGIN):
             header = msgspec.structs.replace(header, origin=(self.delivered(connection) or [0])[-1])
@@ -151,7 +151,7 @@ class Player:
         **wishes: Any,
     ) -> None:
         """Let a module join. *handles*: class and name of each message, such as "goal walk".
-        *wishes*: options of its handlers for the life cycles of tasks.
+        *wishes*: options of the module's handlers for the life cycles of tasks.
         """
         self.hello(name)
         messages = [self.declared(words) for words in handles]
@@ -181,7 +181,7 @@ class Player:
         return MessageFormat(name, message_class, ANY, reply)
 
     def declared(self, words: str) -> MessageFormat:
-        """The declaration of a message, with the life cycle set in `life_cycles`."""
+        """Return the declaration of a message, with the life cycle set in `life_cycles`."""
         message = self.format(words)
         life_cycle = self.life_cycles.get(message.name, "")
         return msgspec.structs.replace(message, life_cycle=life_cycle) if life_cycle else message
@@ -200,7 +200,9 @@ class Player:
         serial: int = -1,
         **options: Any,
     ) -> list[Any]:
-        """Request a transition of a task, as its handler if the connection runs it."""
+        """Request a transition of a task. The request counts as the handler's if the connection
+        runs the task.
+        """
         return self.request(
             connection,
             ChangeState,
@@ -251,7 +253,7 @@ class Player:
         return accepted[-1].id
 
     def delivered(self, connection: str) -> list[int]:
-        """The deliveries that a connection has not answered yet."""
+        """Return the deliveries that a connection has not answered yet."""
         return [
             d.handling_id
             for d in self.central.dispatcher.running.values()
@@ -307,7 +309,7 @@ CODE = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType)
 
 
 def reachable(central: Central) -> Iterator[object]:
-    """All objects that central refers to, except code; each once."""
+    """Yield all objects that central refers to, each once. Code is left out."""
     seen, frontier = {id(central)}, [central]
     while frontier:
         for referent in gc.get_referents(frontier.pop()):

@@ -16,7 +16,7 @@ EVENTS = 250
 
 
 class _DigestingPlayer(Player):
-    """Keeps a digest of all effects."""
+    """A player that keeps a digest of all effects."""
 
     def __init__(self) -> None:
         super().__init__(check=False)

@@ -60,7 +60,9 @@ def test_cycle_search_agrees_with_unpruned_search_before_starts(seed: int) -> No
 
 
 def planned_ahead(chance: random.Random) -> Player:
-    """A random tree of goals and commands. All are held; some goals have been handled already."""
+    """Return a player with a random tree of goals and commands. All tasks are held; some goals have
+    been handled already.
+    """
     player = Player(check=False)
     player.module("planner", "goal walk", capacity=3)
     player.module("user")
@@ -86,7 +88,9 @@ def planned_ahead(chance: random.Random) -> Player:
 
 
 def compare(tree: TaskTree, chance: random.Random) -> None:
-    """Search for paths between random pending points in all three ways."""
+    """Search for paths between random pending points in all three ways, and compare whether each
+    way finds one.
+    """
     places = [
         place
         for place in all_places(tree)
@@ -141,9 +145,7 @@ def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] 
 
 
 def test_path_from_recovery_to_retried_ancestor_is_found() -> None:
-    """The path leaves the subtree of the failing task, which has not begun, for a distant
-    ancestor.
-    """
+    """The failing task has not begun. The path leaves the task's subtree for a distant ancestor."""
     player = Player.of(
         "planner: goal walk", "eye: query seen", "expert: exception handler recover", "user"
     )
@@ -153,12 +155,12 @@ def test_path_from_recovery_to_retried_ancestor_is_found() -> None:
     walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
     monitor = player.task(
         "user", "watch", under=walk, origin=0, watch=WatchOptions(7)
-    )  # sent by another module: a retry spares it
+    )  # another module sends it, so a retry spares it
     first = player.task("user", "move", flags=Flags.NONE)
     held = before(point(first, END), point(-1, Moment.START_PLANNING))
     goal = player.task("user", "walk", under=monitor, origin=0, constraints=(held,))
     step = goal
-    for _ in range(10):  # makes the search from the other end slow
+    for _ in range(10):  # these tasks make the search from the other end slow
         step = player.task("user", "walk", under=step, origin=0)
     player.request("user", headers.Raise, TaskId(goal), "slip")
     tasks = player.central.tree.tasks
@@ -245,7 +247,7 @@ def test_constraint_between_wide_goals_costs_few_steps(
 
 
 def test_constraint_costs_few_steps_when_subtasks_wait_outside(counted: CountedSearch) -> None:
-    """The constraints lead into the subtree of each goal, but not out of it."""
+    """The constraints lead from outside into the subtree of each goal, but not out of it."""
     first = counted.player.task("user", "move")
     held = (before(point(first, END), point(-1, START)),)
     one, other = (counted.wide(constraints=held) for _ in range(2))
@@ -283,17 +285,17 @@ def test_killed_task_leaves_the_index_of_cross_tree_constraints(counted: Counted
 
 SUBTASKS = 3_000
 MOST = deadlocks.PATIENCE + deadlocks.SLICE + 10
-"""A wait may begin in an event that also continues a search. A group of edges is examined as a
-whole, so a few more are allowed.
+"""The greatest number of edges that one event may examine. The event may begin a wait and continue
+a search. A few edges more are allowed, because a group is examined as a whole.
 """
 
 
 class Crowd(Player):
-    """A goal with thousands of commands that wait for busy legs."""
+    """A player with a goal whose thousands of commands wait for busy legs."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         super().__init__(check=False)
-        self.most = self.edges = 0  #: edges examined in one event, and in this event
+        self.most = self.edges = 0  #: the most edges examined in one event, and those in this event
         count = Search._count
 
         def counted(search: Search, edges: int) -> None:
@@ -371,7 +373,7 @@ def test_deadlock_behind_thousands_of_subtasks_is_found(crowd: Crowd) -> None:
     note = crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     crowd.reply("watcher/1", note)
     both = [crowd.ask(), crowd.ask()]
-    # This task needs a watcher, and both watchers will wait for the walk.
+    # This task needs a watcher. Both watchers will wait for the walk.
     crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     for delivery in both:
         slot = crowd.central.dispatcher.running[delivery].slot

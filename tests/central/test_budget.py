@@ -24,7 +24,9 @@ MEMORY = 1 << 20
 
 
 def of(*modules: str) -> Player:
-    """A central with a budget of one megabyte, half of it for messages and tasks."""
+    """Return a player whose central has a budget of one megabyte, half of it for messages and
+    tasks.
+    """
     player = Player.of(*modules)
     player.event(LimitsSet(0.0, MEMORY, 8, 20_000))
     return player
@@ -60,7 +62,7 @@ def test_queued_messages_are_bounded_in_bytes(message: str) -> None:
     assert "messages and tasks hold 5" in refused.text
     assert "--memory" in refused.text
     assert player.central.budget.refused == 1
-    player.reply("busy/1")  # one message is gone: the next one is accepted
+    player.reply("busy/1")  # one message has ended, so the next one is accepted
     player.request("user", headers.Send, message, body=b"\xc0")
     assert player.central.budget.refused == 1
 
@@ -169,7 +171,7 @@ def test_requests_about_a_task_are_bounded_in_bytes(what: str) -> None:
 
 
 def ask(player: Player, connection: str, size: int) -> int:
-    """Swap a variable for a value of this size. The answer holds the previous value."""
+    """Swap a variable for a value of *size* bytes. The answer holds the previous value."""
     number = player.number(connection)
     player.receive(connection, headers.SetVariable(number, "v", swap=True), bytes(size))
     return number
@@ -284,11 +286,11 @@ def test_unhandled_inform_names_are_freed_after_sender_leaves(
     player = Player.of("stays", "leaves")
     player.declare("stays", "inform kept")
     player.declare("leaves", "inform kept", "query asked", *(f"inform {one}" for one in "abcdefgh"))
-    for name in ("kept", *"hgfedcbaa"):  # two messages 'a' wait: forgetting it loses more
+    for name in ("kept", *"hgfedcbaa"):  # two messages 'a' wait, so forgetting 'a' loses more
         player.receive("leaves", headers.Send(0, name), b"\xc0")
     player.request("leaves", headers.Send, "asked", body=b"\xc0")
     player.declare("stays", "inform i", "inform j")
-    (refused,) = player.declare("stays", "inform l")  # their sender is still connected
+    (refused,) = player.declare("stays", "inform l")  # the sender of 'a' to 'h' is still connected
     assert refused.refusal is Refusal.OVERLOAD
     player.receive("leaves", headers.Bye())
     held, refusals = player.central.dispatcher.bytes, player.central.budget.refused

@@ -56,7 +56,9 @@ def test_stale_or_foreign_origin_is_not_recorded_as_cause(origin: int) -> None:
 
 
 def recovering() -> tuple[Player, int, int]:
-    """A player with a failed move, its task, and the delivery to its exception handler."""
+    """Return a player with a failed move, the move's task, and the delivery to its exception
+    handler.
+    """
     player = robot()
     player.task("user", "move", attachments=[Attachment("", "recover")])
     player.fail("legs/1", "slip")

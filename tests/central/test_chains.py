@@ -20,7 +20,7 @@ from tca_wire.vocabulary import Condition, Refusal, Role
 
 
 def tapped(message: str, condition: Condition) -> Player:
-    """A player in which "note" is the listener of a wiretap on this message."""
+    """Return a player in which a wiretap on *message* has the listener "note"."""
     player = Player.of(f"legs: {message}", "user", "note: inform note")
     name = Player.format(message).name
     player.request("user", headers.Tap, condition, "note", name)
@@ -77,7 +77,9 @@ def test_daemon_chain_limits_match_the_core() -> None:
 
 
 def begun(maximum: int = 0, failure: str = "slip") -> Player:
-    """A running move with an exception handler that can retry it, and one more at the root."""
+    """Return a player with a running move. One exception handler can retry the move; another one is
+    attached to the root.
+    """
     handlers = "expert: exception handler recover, exception handler stop"
     player = Player.of("legs: command move", handlers, "user", check=False)
     player.request("user", headers.Attach, Attachment("", "stop"))
@@ -86,7 +88,7 @@ def begun(maximum: int = 0, failure: str = "slip") -> Player:
 
 
 def retry(player: Player) -> Any:
-    """Let the move fail. Return the answer to its exception handler's retry."""
+    """Let the move fail. Return the answer to the retry that its exception handler requests."""
     player.fail("legs/1", "slip")
     return player.request("expert/1", headers.Retry, TaskId(2))[-1]
 

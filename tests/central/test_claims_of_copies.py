@@ -40,7 +40,7 @@ OPERATIONS = ("join", "pool", "lose", "move", "reply", "lock", "reserve", "relea
 @given(st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 7)), max_size=60))
 @settings(max_examples=50)
 def test_claims_hold_for_all_copies_in_random_lives(life: list[tuple[str, int]]) -> None:
-    """The invariants are checked after each event. In the end no task is left, and the journal
+    """The invariants are checked after each event. At the end no task is left, and the journal
     passes all checks.
     """
     player, joined = Player(), 0

@@ -89,7 +89,7 @@ def test_new_observer_of_descendants_receives_current_states(player: Player) -> 
 
 
 def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:
-    """In this life cycle, an update may follow another one that is not answered yet."""
+    """In this life cycle, a client may send an update before the last one is answered."""
     eager = LifeCycle(
         "eager",
         [

@@ -56,7 +56,7 @@ class Robot(Transcript):
 
 
 WORLDS: dict[str, tuple[str, str]] = {
-    # each next goal is sent under the previous one
+    # each goal is sent under the goal before it
     "deep": ("", "planner: goal walk under {at} from outside\nplanner/1: reply"),
     "wide": ("", "planner: command move under {at} from outside flags NONE"),
     "wide above": ("", "other: command move flags NONE"),
@@ -69,7 +69,7 @@ WORLDS: dict[str, tuple[str, str]] = {
     "kept": ("legs/1: reply", "planner: command halt under {at} from outside kept\nlegs/1: reply"),
     "tapped": ("", "other: tap when killed of {at} with check"),
 }
-"""The commands that are played once, and those that are repeated."""
+"""Two texts for each world: the commands that are played once, and those that are repeated."""
 
 ROUNDS = {
     title: commands
@@ -80,7 +80,7 @@ ROUNDS = {
 
 
 class Steps:
-    """Counts the executed lines of central's code."""
+    """A counter of executed lines of central's code."""
 
     def __init__(self) -> None:
         self.lines = 0
@@ -107,7 +107,9 @@ class Steps:
 
 
 def cost(world: str, size: int) -> dict[str, int]:
-    """The steps of each round: the median of three runs, which excludes one-time work."""
+    """Return the steps of each round: the median of three runs, so that one-time work does not
+    count.
+    """
     robot, steps, (once, each) = Robot(), Steps(), WORLDS[world]
     robot.do(once)
     for _ in range(size):

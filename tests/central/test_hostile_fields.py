@@ -151,7 +151,7 @@ def test_entrance_of_another_module_is_not_adopted(
 
 
 def test_first_arrival_counts_as_oldest_when_times_are_equal(player: Player) -> None:
-    """Otherwise the result would depend on the internal order of a heap."""
+    """Without this rule, the result would depend on the internal order of a heap."""
     player.task("user", "move")
     for name in ("move", "note", "move"):
         player.send("user", name, flags=Flags.NONE, number=player.number("user"))
@@ -178,7 +178,7 @@ def test_first_arrival_counts_as_oldest_when_times_are_equal(player: Player) -> 
 def test_waiting_request_without_number_is_refused(header: Any) -> None:
     player = Player.of("legs: command move, query where, variable mode", "user")
     player.send("user", "move")
-    for _ in range(2):  # the second would count as a repetition
+    for _ in range(2):  # the second request would count as a repetition of the first
         (answer,) = player.receive("user", header)
         assert answer.refusal is Refusal.PROTOCOL
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding

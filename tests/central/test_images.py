@@ -1,5 +1,5 @@
-"""Images: the state of central as bytes. A central that is read from an image behaves like the one
-that was written.
+"""Images: the state of central as bytes. A central that is read from an image behaves like the
+central that wrote the image.
 """
 
 import os
@@ -42,8 +42,8 @@ TRANSCRIPTS = sorted(Path(__file__).parent.glob("transcripts/*.txt"))
 
 
 class TwinPlayer(Player):
-    """Gives each event to a second central, too, and compares the effects. The second central is
-    read from a new image after every few events.
+    """A player that gives each event to a second central, too, and compares the effects. After
+    every few events, the second central is read from a new image.
     """
 
     every = 9
@@ -68,7 +68,7 @@ class TwinPlayer(Player):
 
 
 class QuickTwinPlayer(TwinPlayer):
-    """Here slots prefetch messages."""
+    """A twin player whose slots prefetch messages."""
 
     prefetch = 8
 
@@ -129,11 +129,11 @@ def test_transcript_continues_identically_from_images(path: Path) -> None:
 
 @pytest.mark.soak
 def test_image_does_not_depend_on_hash_order(tmp_path: Path) -> None:
-    """Processes with different hash seeds write the same bytes, and continue alike from the image
-    of another process.
+    """Processes with different hash seeds write the same bytes. They also continue alike from the
+    image of another process.
     """
     seed, image = 7, tmp_path / "image"
-    # The temporary folders hold files of other tests.
+    # Folders under pytest's temporary one hold files of other tests.
     paths = os.pathsep.join(path for path in sys.path if "pytest-of-" not in path)
     own_image, effects = separate_life.live(seed, None)
     image.write_bytes(own_image)
@@ -152,7 +152,7 @@ def test_image_of_decoded_image_is_identical() -> None:
 
 
 def deep(number: int) -> Central:
-    """A central with a chain of this many tasks."""
+    """Return a central with a chain of *number* tasks."""
     player = Player.of("planner: goal walk", "user", check=False)
     parent = 0
     for _ in range(number):
@@ -245,7 +245,7 @@ def test_set_is_refused_in_an_image() -> None:
 
 @IN_PYTHON
 def test_state_classes_have_no_instance_dict() -> None:
-    """Attributes outside of the slots would be lost without an error."""
+    """An image would omit attributes outside of the slots without an error."""
     kinds: list[Any] = [Central, Stored]
     for kind in kinds:  # the list grows during the loop
         kinds += kind.__subclasses__()

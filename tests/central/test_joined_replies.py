@@ -1,4 +1,6 @@
-"""A slot reports several returned handlers with one header: each counts like a reply of its own."""
+"""A slot reports several returned handlers with one header. Each of them counts as if it had a
+reply of its own.
+"""
 
 import pytest
 from central.player import Player
@@ -12,14 +14,16 @@ NIL = b"\xc0"
 
 
 class Ears(Player):
-    """Slots prefetch up to eight messages."""
+    """A player whose slots prefetch up to eight messages."""
 
     prefetch = 8
 
 
 @pytest.fixture
 def player(monkeypatch: pytest.MonkeyPatch) -> Ears:
-    """A slot that handles a note, and has prefetched three more notes and a query."""
+    """Return a player with a slot that handles a note, and has prefetched three more notes and a
+    query.
+    """
     monkeypatch.setattr(prefetching, "QUICK", 100.0)
     monkeypatch.setattr(prefetching, "QUICK_RUNS", 0)
     player = Ears.of("ear: inform note, query where", "user")
@@ -73,7 +77,7 @@ def test_joined_replies_with_wrong_body_size_are_refused(player: Ears, body: byt
 
 
 def times(player: Player) -> list[tuple[float, float]]:
-    """The start and end of each run in the journal."""
+    """Return the start and end of each run in the journal."""
     began, ended = ({}, {})  # type: tuple[dict[int, float], dict[int, float]]
     for entry in player.entries:
         for fact in entry.facts:
@@ -92,7 +96,7 @@ def test_journal_records_when_each_joined_run_began_and_ended(player: Ears) -> N
     assert first == (
         player.entries[-5].time - 1.0,
         now - 4.0,
-    )  # central knows when it delivered this one
+    )  # central knows when it delivered the first message
     assert others == [(now - 3.5, now - 3.0), (now - 2.5, now - 1.0), (now - 0.5, 0.0)]
     assert player.central.dispatcher.running[4].since == now - 0.5
     (slot,) = player.central.registry.modules["run of ear"].resources.values()

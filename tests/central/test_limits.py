@@ -94,12 +94,12 @@ def test_dropped_messages_are_counted_with_their_reason(monkeypatch: pytest.Monk
 
 
 def send_unconfirmed(player: Player, message: str) -> None:
-    """Send an inform without a number: central does not confirm it."""
+    """Send an inform without a number, so that central does not confirm it."""
     player.receive("user", headers.Send(0, message))
 
 
 def test_queue_overload_names_the_waiting_messages(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The queue is full of tasks here: tasks are never refused, and may exceed the limit."""
+    """The queue is full of tasks here. Tasks are never refused, and may exceed the limit."""
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     player = Player.of("map: command survey, query where, inform note, multi-query all", "user")
     first, second, *_ = [
@@ -285,7 +285,9 @@ def test_pending_kills_and_deadlines_of_a_task_are_limited() -> None:
 
 @pytest.mark.parametrize("number", [1, 5, 40])
 def test_failing_exception_handlers_come_to_an_end(number: int) -> None:
-    """This holds for any number of handlers, also for handlers of failures of handlers."""
+    """The calls end for any number of exception handlers, and if these also handle the failures of
+    one another.
+    """
     player = Player.of("legs: command move", check=False)
     player.module(
         "expert",

@@ -1,4 +1,6 @@
-"""Random lives with many monitors, whose ends other tasks wait for: everything ends."""
+"""Random lives with many monitors. Other tasks wait for the ends of these monitors, and still
+everything ends.
+"""
 
 import random
 
@@ -20,8 +22,8 @@ ENDS = (Moment.END_HANDLING, Moment.END_ACHIEVING)
 
 
 class LifeOfMonitors:
-    """Goals and commands that never wait for a slot, any number of monitors, and an exception
-    handler of all failures.
+    """A life with goals and commands that never wait for a slot, and with any number of monitors.
+    One exception handler handles all failures.
     """
 
     def __init__(self, seed: int) -> None:
@@ -49,7 +51,7 @@ class LifeOfMonitors:
         self.player.request("user", kind, *arguments)
 
     def constraint(self, held: int) -> Constraint:
-        """A random constraint, most often on the end of a monitor."""
+        """Return a random constraint, most often on the end of a monitor."""
         monitors = [
             task for task in self.tasks if task.is_background and self.chance.random() < 0.7
         ] or self.tasks
@@ -99,7 +101,9 @@ class LifeOfMonitors:
         self.player.reply(task.slot.id.decode(), task.handling_id)
 
     def retry(self, task: Task) -> None:
-        """Retry a task, or let a running exception handler retry an ancestor of its failure."""
+        """Retry a task. If the task is a running exception handler, let it retry an ancestor of its
+        failing task.
+        """
         if task.message.name != "mend" or task.slot is None:
             self.request(headers.Retry, TaskId(task.id))
             return

@@ -19,7 +19,7 @@ from tca_wire.vocabulary import Busy, Outcome, Party
 
 
 class JudgedLife(LifeOfStates):
-    """Compares all states with the reference after each operation."""
+    """A life that compares all states with the reference after each operation."""
 
     def __init__(self) -> None:
         self.reference = Reference()
@@ -80,7 +80,7 @@ class JudgedLife(LifeOfStates):
 
 
 class BusyLife(LifeOfStates):
-    """Here busy handlers queue, reject or are pre-empted."""
+    """A life in which busy handlers queue, reject or are pre-empted."""
 
     busy = (Busy.QUEUE, Busy.PREEMPT, Busy.REJECT)
 

@@ -17,7 +17,7 @@ from tca_wire.vocabulary import Outcome, Refusal
 
 
 def resource(report: dict[str, Any], module: str) -> dict[str, Any]:
-    """The first resource of a module."""
+    """Return the first resource of a module."""
     (found,) = [one for one in report["modules"] if one["module"] == module]
     first: dict[str, Any] = found["resources"][0]
     return first
@@ -86,7 +86,7 @@ def test_load_totals_include_waits_that_are_not_listed() -> None:
 
 @pytest.fixture
 def robot() -> Player:
-    """A map and eyes, with a user that sends queries."""
+    """Return a player with a map and eyes, and a user that sends queries."""
     robot = Player.of("map: query where", "eyes: query look, command turn", "user")
     robot.declare("user", "query nobody", "goal plan")
     return robot

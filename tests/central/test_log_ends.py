@@ -1,5 +1,5 @@
-"""A kill, a power cut or a full disk leaves torn ends in central's logs: the next start repairs
-them (decision 102).
+"""A kill, a power cut or a full disk leaves torn ends in central's logs. The next start repairs
+these ends (decision 102).
 """
 
 import errno
@@ -27,7 +27,7 @@ from tca_wire.journal.frames import framed
 def live(
     folder: Path, number: int = 6, sync: Sync = Sync.ALWAYS, *, accept: bool = False
 ) -> Daemon:
-    """Start a daemon in this folder, give it some packets, and kill it."""
+    """Start a daemon in *folder*, give it some packets, and kill it."""
     daemon = Daemon(folder, sync, accept=accept)
     for line, packet in beginning()[:number]:
         daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
@@ -36,7 +36,7 @@ def live(
 
 
 def head(path: Path, **changes: Any) -> bytes:
-    """The head of a segment, with changes."""
+    """Return the head of a segment, with changes."""
     found = InputSegment(path).head
     assert found is not None
     return framed(msgspec.msgpack.encode(msgspec.structs.replace(found, **changes)))
@@ -48,7 +48,7 @@ def shorten(path: Path, size: int) -> None:
 
 @pytest.fixture
 def boots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """The file with the boot id of the machine."""
+    """Return the file with the boot id of the machine."""
     path = tmp_path / "boot"
     path.write_text("1")
     monkeypatch.setattr(input_log, "BOOT", path)
@@ -156,7 +156,7 @@ def test_task_ids_are_skipped_after_a_failed_start(tmp_path: Path, boots: Path) 
 
 
 def test_power_cut_between_two_segments_is_repaired(tmp_path: Path, boots: Path) -> None:
-    """The second segment has reached the disk, and the end of the first has not."""
+    """The second segment has reached the disk, but the end of the first segment has not."""
     live(tmp_path, sync=Sync.BATCH)
     live(tmp_path, sync=Sync.BATCH)
     shorten(tmp_path / "00000001.tcai", 1)

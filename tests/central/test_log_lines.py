@@ -1,4 +1,4 @@
-"""Central's log: one line for each entry, also with hostile contents."""
+"""Central's log has one line for each entry, even with hostile contents."""
 
 import logging
 

@@ -1,5 +1,5 @@
-"""The oracle, a deliberately simple reference scheduler, agrees with central on which deliveries
-may start, and in which order.
+"""The oracle, a deliberately simple reference scheduler, agrees with central. Both let the same
+deliveries start, in the same order.
 """
 
 import random
@@ -35,7 +35,7 @@ NO_SMALLER_SEED = (Phase.explicit, Phase.reuse, Phase.generate)
 
 
 class JudgedPlayer(Player):
-    """Lets the oracle judge every event."""
+    """A player whose events are all judged by the oracle."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -156,7 +156,9 @@ def test_monitor_that_ends_at_its_start_sends_its_listeners(is_ended: bool) -> N
 
 
 def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
-    """A task that *module* handles. Its exception handlers are *recover*, then *report*."""
+    """Return a player, and a task that *module* handles. The task's exception handlers are
+    *recover*, then *report*.
+    """
     player = JudgedPlayer()
     player.module(module, message)
     player.module("expert", "exception handler recover", "exception handler report")

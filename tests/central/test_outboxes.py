@@ -1,5 +1,5 @@
-"""Outboxes hold unsent packets: a connection gets no more than it reads, and a slow reader delays
-no other.
+"""Outboxes hold unsent packets. A connection is sent no more than it reads, and a slow reader
+delays no other.
 """
 
 from tca_central.events import ConnectionId
@@ -12,7 +12,7 @@ READS, STALLED = ConnectionId(b"reads"), ConnectionId(b"stalled")
 
 
 class Socket:
-    """A socket with two connections: one reads, one does not."""
+    """A socket with two connections. One of them reads; the other does not."""
 
     def __init__(self) -> None:
         self.sent: dict[ConnectionId, list[bytes]] = {READS: [], STALLED: []}
@@ -71,7 +71,7 @@ def test_fullest_outbox_is_dropped_first() -> None:
     given_up = socket.boxes.drop_beyond(100_000)
     assert given_up == {STALLED: 30 * PACKET_BYTES - WINDOW}
     assert socket.boxes.held == 10
-    socket.boxes.add(STALLED, [bytes(10)])  # its unread bytes still count
+    socket.boxes.add(STALLED, [bytes(10)])  # the unread bytes of the connection still count
     socket.boxes.send_all()
     assert socket.size(STALLED) == WINDOW
 

@@ -16,7 +16,7 @@ from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 
 NUMBERS = range(1, 40)
-"""These numbers cover all deliveries, tasks and requests of the other modules."""
+"""Numbers that cover all deliveries, tasks and requests of the other modules."""
 
 
 class RobotWithThief(Player):
@@ -56,7 +56,7 @@ class RobotWithThief(Player):
 
 
 def forged_headers() -> Iterator[Any]:
-    """Headers with numbers of the other modules."""
+    """Yield headers with numbers of the other modules."""
     for number in NUMBERS:
         yield headers.Reply(number)
         yield headers.Fail(number, "slipped")

@@ -21,16 +21,16 @@ from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Permission, Refusal, Scope
 
 SEND, HANDLE, TAP, LOCK, KILL, ADMINISTER = Permission
-ROGUE = 50  # the number of its request
+ROGUE = 50  # the number of the rogue's request
 
 ATTACHED, TAPPED = 2, 3
 
 Needed = list[set[tuple[Permission, str]]]
-"""Alternative sets of permissions, of which one is enough."""
+"""Alternative sets of permissions. One of these sets is enough."""
 
 
 def one_of(*alternatives: str) -> Needed:
-    """Read alternatives such as "send move + kill move"."""
+    """Return the alternatives that texts such as "send move + kill move" describe."""
     return [{_needed(part) for part in alternative.split(" + ")} for alternative in alternatives]
 
 
@@ -41,7 +41,7 @@ def _needed(text: str) -> tuple[Permission, str]:
 
 STEER, SEE = one_of("kill move"), one_of("kill move", "tap move")
 Ask = Callable[[int], object]
-"""Makes a request about a task of another module."""
+"""A function that makes a request about another module's task, given the task's id."""
 
 REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "send": (lambda _: headers.Send(ROGUE, "move"), one_of("send move")),
@@ -116,7 +116,9 @@ NAMES = {
 
 
 def robot(rules: Iterable[AccessRule]) -> tuple[Player, int]:
-    """A player with a running task of the boss, and a rogue under rules. Also the task's id."""
+    """Return a player with a running task of the boss, and a rogue under *rules*. Also return the
+    task's id.
+    """
     player = Player()
     player.check = False
     player.principals |= {"rogue": "rogue"}
@@ -180,7 +182,7 @@ def test_every_request_has_a_permission_rule() -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_request_is_forbidden_exactly_when_not_allowed(way: str) -> None:
-    """The full matrix: requests, permissions and names."""
+    """The test tries the full matrix of requests, permissions and names."""
     wrong, asked = [], 0
     for subset in SUBSETS:
         allowed = tuple((permission, WAYS[way](permission)) for permission in subset)
@@ -274,7 +276,7 @@ def test_module_name_is_accepted_only_with_a_listed_key(
 
 
 def test_second_connection_keeps_the_module_of_the_first() -> None:
-    """Another module name in its Hello gives it no other permissions."""
+    """The second connection's Hello names another module, but gets no other permissions by that."""
     player = Player()
     player.principals |= {"arm": "k", "arm/1": "k"}
     rules = (AccessRule(("k",), ("arm",)), AccessRule(("k",), ("boss",), EVERYTHING))
@@ -356,7 +358,7 @@ def test_only_the_handler_changes_its_tasks_state() -> None:
     task, step = player.task("boss", "move"), player.task("boss", "step", flags=Flags.NONE)
     *_, refused = player.change("leg/1", task, "result available", 5, origin=step)
     assert isinstance(refused, Refused)
-    # The boss does not have this delivery.
+    # The delivery is not one of the boss.
     *_, refused = player.change("boss", task, "result available", 5, origin=task)
     assert isinstance(refused, Refused)
     assert isinstance(player.change("arm/1", task, "result available", 5)[-1], headers.Accepted)

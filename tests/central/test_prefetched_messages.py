@@ -17,7 +17,7 @@ AT_DELIVERY = [Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING]
 
 
 class Ears(Player):
-    """Slots prefetch up to eight messages."""
+    """A player whose slots prefetch up to eight messages."""
 
     prefetch = 8
 
@@ -33,7 +33,7 @@ def every_handler_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def deliveries(player: Player, slot: str) -> list[int]:
-    """The deliveries that a slot was sent, prefetched or not."""
+    """Return the deliveries that central sent to a slot, prefetched or not."""
     return [
         header.delivery for header, _ in player.inbox[slot] if isinstance(header, headers.Deliver)
     ]

@@ -40,7 +40,7 @@ def test_process_that_echoes_no_heartbeat_is_silent() -> None:
     pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == {b"legs"}
     pulses.active.add(b"eyes")
-    assert beat(pulses, eyes) == set()  # the legs have been lost, and come back next
+    assert beat(pulses, eyes) == set()  # the legs have been lost, and come back in the next beat
     pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == set()
     pulses.active |= {b"legs", b"eyes"}
@@ -83,7 +83,9 @@ def test_closed_pulse_line_does_not_count_as_silence() -> None:
 
 
 def beats_until_silence_without_line(pulses: Pulses, *connections: Connection) -> int:
-    """The number of heartbeats after which a process without a pulse line is silent, or 0."""
+    """Return the number of heartbeats after which a process without a pulse line counts as silent,
+    or 0.
+    """
     for beats in range(3 * LATE):
         if pulses.silent():
             return beats
@@ -93,7 +95,7 @@ def beats_until_silence_without_line(pulses: Pulses, *connections: Connection) -
 
 
 def test_pulse_line_that_never_opens_counts_as_silence() -> None:
-    """Otherwise a process that is stopped in its first milliseconds would never be lost."""
+    """Otherwise central would never notice a process that is stopped in its first milliseconds."""
     assert beats_until_silence_without_line(Pulses(2), connection_of(b"legs")) == 1 + LATE + 2
 
 

@@ -1,4 +1,4 @@
-"""Quietly sent tasks: their senders name them by requests, and learn their ids in batches."""
+"""Quietly sent tasks. Their senders name them by requests, and learn their ids in batches."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def robot() -> Player:
 
 
 def tasks_of(player: Player, connection: str) -> dict[int, TaskId]:
-    """The tasks that a connection has sent, by request."""
+    """Return the tasks that a connection has sent, by request."""
     return player.central.registry.connections[ConnectionId(connection.encode())].tasks
 
 
@@ -49,7 +49,7 @@ def _renamed(value: Any, requests: dict[TaskId, int]) -> Any:
 
 
 class NamingPlayer(Player):
-    """Names each task by its request where that is possible."""
+    """A player that names each task by its request where that is possible."""
 
     named = 0
     """The number of headers that were changed."""
@@ -66,7 +66,7 @@ class NamingPlayer(Player):
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=3, deadline=None)
 def test_naming_tasks_by_their_requests_changes_nothing(seed: int) -> None:
-    """The journal is the same, and such names reach no other connection."""
+    """The journal is the same, and the names reach no other connection."""
     plain, naming = Life(Player(check=False)), Life(NamingPlayer(check=False))
     for life in (plain, naming):
         life.go_on(seed, 300)

@@ -50,7 +50,9 @@ def test_predecessors_and_successors_of_points_agree(seed: int) -> None:
 
 
 def is_unified(place: Place) -> bool:
-    """Whether constraints are attached to this point, and not to one that is reached with it."""
+    """Whether constraints are attached to this point itself, not to a point that is reached
+    together with it.
+    """
     return unified(place.task.is_goal, place.moment) == place.moment
 
 
@@ -72,7 +74,7 @@ def end_everything(life: Life) -> None:
     central accepts no cycles.
     """
     for connection in life.connections():
-        # A module that has lost only its slots would keep its deliveries.
+        # Lose whole modules: a module without its slots would keep its deliveries.
         if connection != "user":
             life.player.lose(connection)
     for module in MODULES:
@@ -81,7 +83,7 @@ def end_everything(life: Life) -> None:
     for aside in [*life.central.attached, *life.central.taps]:
         life.request(headers.Remove, aside)
     for monitor in life.monitors():
-        # Other monitors end with their parents.
+        # All other monitors end with their parents.
         if not monitor.is_background or monitor.parent is life.central.tree.root:
             life.request(headers.Kill, TaskId(monitor.id))
     rounds = 0
@@ -146,7 +148,7 @@ def _check_retained_tasks(life: Life) -> None:
 
 
 def _check_variable_handlers(life: Life) -> None:
-    """Check that the newest value of a variable was delivered last to each of its handlers."""
+    """Check for each handler of a variable that the newest value was delivered to it last."""
     value = life.central.variables.values.get("mode")
     newest = {
         fact.module: fact.message_id

@@ -1,4 +1,4 @@
-"""Direct routes: central gives them to senders, and withdraws them."""
+"""Direct routes. Central gives them to senders, and withdraws them."""
 
 from typing import Any
 
@@ -16,7 +16,9 @@ from tca_wire.vocabulary import Condition, Permission, Refusal
 
 @pytest.fixture
 def player() -> Player:
-    """A map with direct handlers, and a user that got its route with a first query."""
+    """Return a player with a map that has direct handlers. The user got its route with a first
+    query.
+    """
     player = Player()
     player.module("map", "query height", "inform pose", direct=True)
     player.module("user")
@@ -26,7 +28,7 @@ def player() -> Player:
 
 
 def drain_routes(player: Player, connection: str = "user") -> list[Any]:
-    """The routes that a connection was sent. This clears its inbox."""
+    """Return the routes that central sent to a connection, and clear the connection's inbox."""
     inbox = player.inbox[connection]
     found = [header for header, _ in inbox if isinstance(header, Route | EntranceGone)]
     inbox.clear()
@@ -49,8 +51,8 @@ def tap(player: Player) -> int:
 
 
 def test_resource_sends_to_itself_through_central(player: Player) -> None:
-    """The slot handles the query within its wait. The delivery is marked `own`, because the slot may
-    be busy without central's knowledge.
+    """The slot handles its own query within its wait. The delivery is marked `own`, because the
+    slot may be busy without central's knowledge.
     """
     player.declare("map/1", "query height")
     (route, delivery) = player.send("map/1", "height")
@@ -104,7 +106,7 @@ def test_lost_sender_leaves_no_route_state(player: Player) -> None:
 
 
 def robot() -> Player:
-    """Two senders with keys of their own, and with a route to the same map."""
+    """Return a player with two senders that have keys of their own, and a route to the same map."""
     player = Player()
     player.principals |= {"a": "a", "b": "b"}
     player.module("map", "query height", direct=True)
@@ -115,7 +117,7 @@ def robot() -> Player:
 
 
 def licences(player: Player, name: str) -> list[list[str]]:
-    """The licences in each route that a sender was sent."""
+    """Return the licences in each route that central sent to a sender."""
     routes = [header for header, _ in player.inbox[name] if isinstance(header, Route)]
     return [
         [number_of(one.key, "key of map/1") or "forged" for one in route.entrances]
@@ -124,7 +126,7 @@ def licences(player: Player, name: str) -> list[list[str]]:
 
 
 def barred(player: Player) -> list[str]:
-    """The licences that the slot of the map was drain_routes to refuse."""
+    """Return the licences that central has told the map's slot to refuse."""
     return [
         one
         for header, _ in player.inbox["map/1"]
@@ -144,7 +146,7 @@ def test_revoked_key_ends_licences_of_lost_senders_too() -> None:
     player.lose("a")
     player.event(KeysChanged(60.0, [], ["a"]))
     assert barred(player) == ["test.1"]
-    player.hello("map/1", "map", "map", direct=True)  # a slot may have missed it while it was lost
+    player.hello("map/1", "map", "map", direct=True)  # a slot that was lost may have missed the bar
     assert licences(player, "b") == [["test.2"]]
     assert barred(player) == ["test.1"] * 2
 

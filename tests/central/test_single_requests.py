@@ -33,8 +33,8 @@ def test_termination_message_is_sent_after_kill_suspend_and_kill() -> None:
 @pytest.mark.parametrize("began", [6.3, 8.7, 12345.6])
 @pytest.mark.parametrize("period", [0.1, 0.02, 1 / 3])
 def test_polling_monitor_tests_once_a_period_despite_rounding(began: float, period: float) -> None:
-    """In floating point, 0.6 - 0.3 is less than 3 * 0.1. The next test was therefore due at once,
-    again and again.
+    """In floating point, 0.6 - 0.3 is less than 3 * 0.1. A naive rule would make the next test due
+    at once, again and again.
     """
     player = Player.of("eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, "", parts=["seen", ""])

@@ -1,5 +1,5 @@
-"""The status that central reports, topic by topic. topics.json has the approved output for a busy
-robot.
+"""The status that central reports, topic by topic. The file topics.json has the approved output for
+a busy robot.
 """
 
 from pathlib import Path
@@ -99,7 +99,7 @@ def listed_monitors(watcher: Transcript) -> list[int]:
 
 @pytest.fixture
 def watcher() -> Transcript:
-    """A user that can send monitors of a sensor."""
+    """Return a transcript whose user can send monitors of a sensor."""
     watcher = Transcript()
     watcher.player.module("eye", "query hot?", "goal walk")
     watcher.player.module("user")
@@ -143,7 +143,7 @@ def test_ended_monitors_are_not_listed(watcher: Transcript) -> None:
 
 
 def test_refused_and_killed_monitors_are_not_listed(watcher: Transcript) -> None:
-    walk = watcher.player.task("user", "walk")  # its handler runs, so it does not end at once
+    walk = watcher.player.task("user", "walk")  # the handler runs on
     watcher.player.request("user", headers.Kill, TaskId(walk))
     assert monitor(watcher, under=walk) > walk
     assert listed_monitors(watcher) == []

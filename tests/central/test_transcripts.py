@@ -1,5 +1,5 @@
-"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` rewrites all files: commit
-only changes that you can explain.
+"""Each file in transcripts/ defines one rule. ``pytest --rewrite`` rewrites all files. Commit only
+changes that you can explain.
 """
 
 from pathlib import Path

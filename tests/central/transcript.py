@@ -64,7 +64,7 @@ load
 waits TASK
 ```
 
-`here`: the running handler of NAME blocks until it has the answer. A point is written
+`here`: the running handler of NAME blocks until the answer arrives. A point is written
 ``end achieving 3``, ``start planning this``, or as a number of seconds from now.
 ``POINT + 2`` is two seconds later. The failure without a name is written ``any``.
 """
@@ -156,13 +156,15 @@ class Transcript:
         return "\n".join(line for line in lines if line)
 
     def is_observed(self, answer: Any) -> bool:
-        """Whether an answer belongs to an observer: `observations` shows it."""
+        """Whether an answer belongs to an observer, so that `observations` shows it."""
         return isinstance(answer, headers.Answer) and any(
             answer.number in numbers for numbers in self.observing.values()
         )
 
     def observations(self) -> list[str]:
-        """The changes that observers were sent since the last command."""
+        """Return a line for each change that central has sent to an observer since the last
+        command.
+        """
         lines = []
         for name, numbers in self.observing.items():
             inbox = self.player.inbox[name]
@@ -439,7 +441,9 @@ class Transcript:
         return [effect.header for effect in effects if hasattr(effect, "header")]
 
     def heard(self) -> str:
-        """The new headers that each connection was sent, except deliveries."""
+        """Return the new headers that central sent to each connection, except deliveries and
+        welcomes.
+        """
         lines = []
         for name, inbox in self.player.inbox.items():
             for header, body in inbox[self.shown_headers.get(name, 0) :]:
@@ -449,11 +453,11 @@ class Transcript:
         return "\n".join(lines)
 
     def load(self) -> str:
-        """The load that central reports."""
+        """Return the load that central reports."""
         return "\n".join(load_lines(load(self.player.central)))
 
     def waits(self, task: str) -> str:
-        """The waits of a task, and the last wait of its chain."""
+        """Return the waits of a task, and the last wait of their chain."""
         central = self.player.central
         node = next_of(central.tree.tasks[TaskId(int(task))])
         found = [f"{one.kind}: {in_words(one)}" for one in waits_of(central, node)]
@@ -480,7 +484,7 @@ class Transcript:
 
 
 def _value(header: Any, body: bytes) -> str:
-    """The value of an answer, in words."""
+    """Return the value of an answer, in words."""
     return (
         f", value {msgspec.msgpack.decode(body)}"
         if body and isinstance(header, headers.Answer)
@@ -491,7 +495,7 @@ def _value(header: Any, body: bytes) -> str:
 def life_cycle_options(
     *, accepting: str, taking: str, refusing: str, busy: str, **_: str
 ) -> dict[str, Any]:
-    """The options of a module's handlers for the life cycles of tasks."""
+    """Return the options of a module's handlers for the life cycles of tasks."""
     options: dict[str, Any] = {"accepts": True} if accepting else {}
     options |= {"takes": taking.split(" and ")} if taking else {}
     options |= {"refuses": refusing.split(" and ")} if refusing else {}

@@ -1,5 +1,5 @@
-"""The words of transcripts: readers of points, options and exception handlers, and descriptions of
-facts and headers.
+"""The words of transcripts. Some functions read points, options and exception handlers; others
+describe facts and headers.
 """
 
 import json
@@ -27,7 +27,7 @@ def read_point(text: str) -> Point:
 
 
 def read_fields(kind: type, text: str) -> dict[str, Any]:
-    """The fields of a header or fact, as in: ``task=3 why="enough"``."""
+    """Return the fields of a header or fact, read from a text such as ``task=3 why="enough"``."""
     hints = get_type_hints(kind)
     found = re.findall(r"(\w+)=(\".*?(?<!\\)\"|[\[{].*?[\]}](?= \w+=|$)|\S+)", text)
     return {name: read_field(name, json.loads(value), hints[name]) for name, value in found}
@@ -72,7 +72,9 @@ def constraint(text: str) -> Constraint:
 
 
 def describe(fact: facts.Fact) -> str:
-    """A fact in a line, or nothing for formats, resources and refusals, which answers show."""
+    """Describe a fact in a line. Formats, resources and refusals get no line, because answers show
+    them.
+    """
     match fact:
         case facts.Received():
             under = f" under {fact.parent}" if fact.parent else ""
@@ -119,7 +121,9 @@ def described_copy(fact: facts.Failed | facts.Dropped) -> str:
 
 
 def describe_control(fact: facts.Fact) -> str:
-    """A fact about the control of tasks: recoveries, suspensions, wiretaps, monitors, attachments."""
+    """Describe a fact about the control of tasks: recoveries, suspensions, wiretaps, monitors,
+    attachments.
+    """
     match fact:
         case facts.Caught():
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
@@ -160,7 +164,7 @@ def describe_control(fact: facts.Fact) -> str:
 
 
 def describe_rest(fact: facts.Fact) -> str:
-    """A change of state, or the fields of any other fact."""
+    """Describe a change of state, or the fields of any other fact."""
     if isinstance(fact, facts.StateChanged):
         by = f"{fact.by} {fact.module}".rstrip()
         return f"{fact.task} {fact.transition} by {by}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
@@ -198,13 +202,13 @@ def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> st
 
 
 def _why(text: str, body: bytes) -> str:
-    """The reason for a change of state, and its data."""
+    """Return the reason for a change of state, and the data of the change."""
     data = f", data {msgspec.msgpack.decode(body)}" if body else ""
     return (f", {text}" if text else "") + data
 
 
 def describe_observed(header: Any, body: bytes) -> str:
-    """An answer to an observer."""
+    """Describe an answer to an observer."""
     if not body:
         return "observes" if header.more else "observes no longer"
     assert header.more, "the end of an observation has no body"
@@ -218,7 +222,7 @@ def describe_observed(header: Any, body: bytes) -> str:
 
 
 def describe_inspected(row: dict[str, Any]) -> str:
-    """A line for an inspected task."""
+    """Describe an inspected task in a line."""
     data, result = (
         msgspec.msgpack.decode(row[key]) if row[key] else None for key in ("data", "result")
     )
@@ -228,7 +232,7 @@ def describe_inspected(row: dict[str, Any]) -> str:
 
 
 def describe_answer(answer: Any) -> str:
-    """A line for a header, or for the value of a variable."""
+    """Describe a header, or the value of a variable, in a line."""
     return f"value {answer}" if isinstance(answer, str) else describe_header(answer)
 
 
@@ -245,7 +249,7 @@ def describe_header(header: Any) -> str:
 
 
 def load_lines(load: dict[str, Any]) -> list[str]:
-    """A line for each resource and message with activity, and for each wait."""
+    """Return a line for each resource and message with activity, and for each wait."""
     lines = []
     for module in load["modules"]:
         for one in module["resources"]:

@@ -1,4 +1,4 @@
-"""The checks of a life: the notebooks of the programs against the journal of central."""
+"""The checks of a life: the notebooks of the programs are compared with the journal of central."""
 
 import subprocess
 import sys
@@ -66,7 +66,9 @@ class Judge:
         self.counts["entries"] = entry.number
 
     def _executions(self) -> None:
-        """No handler starts twice without a retry, and each done task was done."""
+        """Check that no handler starts twice without a retry, and that a handler has ended each
+        task that is done.
+        """
         begun, ended, times = Counter[int](), defaultdict[int, list[str]](list), Counter[int]()
         for notes in self.notebooks.values():
             for note in notes:
@@ -92,7 +94,7 @@ class Judge:
                     self.wrong.append(f"task {note.about[1]} is done, but no handler has ended it")
 
     def _users(self) -> None:
-        """Each accepted task is in the journal, and each wait was answered."""
+        """Check that each accepted task is in the journal, and that each wait was answered."""
         for name, notes in self.notebooks.items():
             waits = set[str]()
             for note in notes:
@@ -113,8 +115,8 @@ class Judge:
                 self.wrong.append(f"{name} was not answered: {waits}")
 
     def _informs(self) -> None:
-        """No inform is handled twice. A surviving sender knows the greatest number of its lost
-        informs.
+        """Check that no inform is handled twice. A surviving sender must have counted at least as
+        many lost informs as there are.
         """
         noted = Counter(
             note.about[0]
@@ -149,7 +151,7 @@ class Judge:
                     )
 
     def _locks(self) -> None:
-        """No handler runs in a locked resource."""
+        """Check that no handler runs in a locked resource."""
         spans = list[tuple[int, int, str]]()
         for notes in self.notebooks.values():
             kept = {note.about[0] for note in notes if note.word == "released"}

@@ -1,4 +1,4 @@
-"""The life of a robot under load, whose central and modules are killed and stopped at random."""
+"""The life of a robot under load. Its central and modules are killed and stopped at random."""
 
 import signal
 import time
@@ -39,10 +39,10 @@ class Life:
             tuple[float, Process]
         ] = []  # stopped processes, with the time to continue
         self._processes: list[Process] = []  # all started processes
-        self._doom: dict[str, float] = {}  # by module, the time of its next fault
+        self._doom: dict[str, float] = {}  # by module: the time of its next fault
 
     def run(self) -> None:
-        """Live, heal, end. Raises Broken."""
+        """Run the life: kill, heal, end. Raise Broken if something fails that must not."""
         try:
             self._begin()
             while self.counts["kills of central"] < self.kills:
@@ -68,8 +68,8 @@ class Life:
         self._central = self._start("central", "be_central", self._events_between)
 
     def _start(self, kind: str, function: str, *arguments: object) -> Process:
-        """Start a process with a function of ``chaos.robot``; its output goes to the log of its
-        kind.
+        """Start a process with a function of ``chaos.robot``. The process writes its output to the
+        log of *kind*.
         """
         text = f"from pathlib import Path\nfrom chaos import robot\nrobot.{function}(*{arguments!r}, Path({str(self.folder)!r}))"
         process = Process(
@@ -86,8 +86,8 @@ class Life:
         self._users[name] = self._start("user", "use", name, self.random.getrandbits(32))
 
     def _central_dies(self) -> None:
-        """Kill central once; it may be stopped for a while before."""
-        if self.random.random() < 0.2:  # while it starts
+        """Kill central once. Before this kill, central may be stopped for a while."""
+        if self.random.random() < 0.2:  # while central starts
             self._pass(self.random.random() * 0.3)
         else:
             self._until_it_listens()
@@ -125,7 +125,7 @@ class Life:
             self._pass(0.01)
 
     def _pass(self, seconds: float) -> None:
-        """Let time pass, in which modules are killed, stopped and continued."""
+        """Let time pass. Modules are killed, stopped and continued in it."""
         until = time.monotonic() + seconds
         while True:
             now = time.monotonic()
@@ -168,7 +168,7 @@ class Life:
     # --- the end ----------------------------------------------------------------------------------
 
     def _heal(self) -> None:
-        """End the kills; then all tasks end, and all users are answered."""
+        """End the kills. Then all tasks must end, and all users must be answered."""
         self._log("nothing more dies")
         self._doom.clear()
         while self._resume:

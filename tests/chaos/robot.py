@@ -1,8 +1,8 @@
 """The programs of the robot for the chaos tests: modules, and users that send messages all the
 time.
 
-Each program writes its actions into a notebook of its own, one line each: time, action and subject.
-A written line survives the end of the program.
+Each program writes its actions into a notebook of its own. A line has the time, the action and its
+subject. A written line survives the end of the program.
 """
 
 import logging
@@ -49,11 +49,11 @@ DOUBTFUL = ("module lost", "uncertain")
 """Failures that cause a retry."""
 
 PATIENCE = 300.0
-"""Seconds: longer than a life, so that no program gives central up."""
+"""Seconds: longer than a life, so that no program gives up waiting for central."""
 
 
 class Notebook:
-    """The actions of a program; each process begins a new notebook."""
+    """The notes of a program about its actions. Each process begins a new notebook."""
 
     def __init__(self, folder: Path, name: str) -> None:
         path = folder / f"{name.replace(' ', '-')}.{os.getpid()}.notes"
@@ -65,12 +65,12 @@ class Notebook:
         os.write(self._file, line.encode())
 
     def handling(self, task: Task) -> "Handling":
-        """A context for the run of a handler."""
+        """Return a context for the run of a handler."""
         return Handling(self, task)
 
 
 class Handling:
-    """Notes when a handler begins and ends with a delivery."""
+    """A context that notes the begin and end of a handler's run."""
 
     def __init__(self, notebook: Notebook, task: Task) -> None:
         self._notebook, self._task = notebook, task
@@ -88,7 +88,7 @@ class Handling:
 
 
 def legs(notebook: Notebook) -> Module:
-    """Takes steps, one at a time."""
+    """Return the module that takes steps, one at a time."""
     module = Module("legs")
 
     @module.handles(STEP)
@@ -101,7 +101,7 @@ def legs(notebook: Notebook) -> Module:
 
 
 def hand(notebook: Notebook) -> Module:
-    """Grips things while it holds the lock of the eyes."""
+    """Return the module that grips things while it holds the lock of the eyes."""
     module = Module("hand")
 
     @module.handles(GRIP)
@@ -118,7 +118,7 @@ def hand(notebook: Notebook) -> Module:
 
 
 def eyes(notebook: Notebook) -> Module:
-    """Answers questions."""
+    """Return the module that answers queries."""
     module = Module("eyes")
 
     @module.handles(WHERE)
@@ -135,7 +135,7 @@ def eyes(notebook: Notebook) -> Module:
 
 
 def planner(notebook: Notebook) -> Module:
-    """Walks are sequences of steps, watched by a monitor."""
+    """Return the module that plans walks. A walk is a sequence of steps, watched by a monitor."""
     module = Module("planner")
 
     @module.handles(WALK)
@@ -150,7 +150,7 @@ def planner(notebook: Notebook) -> Module:
 
 
 def expert(notebook: Notebook) -> Module:
-    """Retries lost tasks."""
+    """Return the module that retries lost tasks."""
     module = Module("expert")
 
     @module.at_start
@@ -213,7 +213,7 @@ def log_with_times() -> None:
 
 
 class User:
-    """Sends a few messages at a time, and notes their outcomes."""
+    """A program that sends a few messages at a time, and notes their outcomes."""
 
     def __init__(self, name: str, folder: Path, seed: int) -> None:
         self.name = name
@@ -281,7 +281,7 @@ class User:
         self.notebook.note("done", name, task.id)
 
     def step(self, user: Client, name: str) -> None:
-        """Send a step, after the earlier ones or beside them."""
+        """Send a step that waits for the earlier ones, or does not."""
         self._send(name, user.command(STEP, name, sequential=self.random.random() < 0.5))
 
     def grip(self, user: Client, name: str) -> None:

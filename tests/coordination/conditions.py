@@ -1,4 +1,4 @@
-"""Checks in a journal that no activity violated a condition of the current one."""
+"""Checks in a journal that no activity violated a condition of the current activity."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ from tca_wire.journal.facts import Entry, Killed, Received, Returned, StateChang
 
 @dataclass
 class SeenTask:
-    """A task that ran; times are entry numbers."""
+    """A task that ran. Its times are entry numbers."""
 
     agents: set[Agent]
     began: int
@@ -24,7 +24,7 @@ class SeenActivity:
     activity: Activity
     tasks: dict[int, SeenTask] = field(default_factory=dict)
     entered: int | None = None
-    """Entry in which its state was entered; None: never."""
+    """The number of the entry in which the activity's state was entered; None if it never was."""
 
     @property
     def began(self) -> int:
@@ -36,7 +36,7 @@ class SeenActivity:
 
 
 def activities_seen(machine: Coordination, entries: list[Entry]) -> list[SeenActivity]:
-    """The activities of a run, in the order of their starts."""
+    """Return the activities of a run, in the order of their starts."""
     began: dict[int, int] = {}
     ended: dict[int, int] = {}
     seen: list[SeenActivity] = []
@@ -47,7 +47,7 @@ def activities_seen(machine: Coordination, entries: list[Entry]) -> list[SeenAct
             elif isinstance(fact, Returned):
                 ended[fact.id] = number
             elif isinstance(fact, Killed):
-                ended[fact.task] = number  # if no handler has it
+                ended[fact.task] = number  # at the latest, if no handler had the task
             elif isinstance(fact, StateChanged) and (report := read_report(fact.body)):
                 _record_roles(machine, report.news, seen, began, number)
     for one in seen:
@@ -63,7 +63,7 @@ def _record_roles(
     began: dict[int, int],
     number: int,
 ) -> None:
-    """Record the role changes of a report at an entry."""
+    """Record the role changes of a report. *number* is the number of the report's entry."""
     known = {task: one for one in seen for task in one.tasks}
     new: dict[tuple[int, TaskRole], SeenActivity] = {}
     for change in news:
@@ -82,7 +82,7 @@ def _record_roles(
 
 
 def check_conditions(machine: Coordination, entries: list[Entry]) -> None:
-    """Check that, while an activity is current, no other one uses its agents, or makes the facts
+    """Check each activity while it is current. No other activity may use its agents, or make a fact
     that it needs or makes.
     """
     seen = activities_seen(machine, entries)

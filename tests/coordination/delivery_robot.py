@@ -54,7 +54,7 @@ def opened(**needs: str) -> Activity:
 
 
 def delivery(name: str = "deliver") -> Coordination:
-    """From A to box B, or to box C if B is not free, and back."""
+    """Return a machine that goes from A to box B, or to box C if B is not free, and back."""
     with Coordination(name, facts=AT_HOME) as machine:
         waiting = machine.state("waiting")
         to_b = machine.state("going to B", base("B"))
@@ -80,8 +80,8 @@ def delivery(name: str = "deliver") -> Coordination:
 
 
 def make_robot(central: LocalCentral) -> Module:
-    """Its parts move for a fixed time, and report each half second. The place "stuck" is never
-    reached.
+    """Return a robot whose parts move for a fixed time, and report each half second. The place
+    "stuck" is never reached.
     """
     robot = Module("robot", central)
 
@@ -101,7 +101,7 @@ def make_robot(central: LocalCentral) -> Module:
 
 
 def make_driving_base() -> Module:
-    """A robot whose base drives for 8 s; a test adds its other parts."""
+    """Return a robot whose base drives for 8 s. A test adds the other parts."""
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base")
@@ -131,7 +131,7 @@ class Play:
         return run
 
     def start(self, *events: str, seconds: float = 0) -> SentTask[CoordinationEnd]:
-        """Start a run while box B is free; post the events at once, then advance by *seconds*."""
+        """Start a run while box B is free. Post the events at once, then advance by *seconds*."""
         self.box_b(1.0)
         run = self.begin()
         for event in events:
@@ -142,7 +142,7 @@ class Play:
     def start_with_wrong_prediction(
         self, *events: str, seconds: float = 4, later: float = 30
     ) -> SentTask[CoordinationEnd]:
-        """Start as start() does; box B is taken after *seconds*."""
+        """Start like start(). After *seconds*, box B is no longer free; advance by *later*."""
         run = self.start(*events, seconds=seconds)
         self.box_b(0.0)
         self.central.advance(later)
@@ -157,7 +157,7 @@ class Play:
         self.central.until_quiet()
 
     def event_lines(self) -> list[str]:
-        """The events of the run's tasks with their times: roles, ends and transitions."""
+        """Return the events of the run's tasks with their times: roles, ends and transitions."""
         return list(_lines(self.central, self.coordinator.chart))
 
 

@@ -1,4 +1,6 @@
-"""Small random automata, and runs of them that follow a coordinator's decisions without any tasks."""
+"""Small random automata, and runs of these automata. The runs follow a coordinator's decisions, but
+have no tasks.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -65,7 +67,7 @@ def random_activity(random: Random, agents: Sequence[Agent]) -> Activity:
 
 
 def random_automaton(random: Random) -> RandomAutomaton:
-    """A machine of up to seven states, whose activities share a few agents and variables."""
+    """Return an automaton of up to seven states. Its activities share some agents and variables."""
     agents = [Agent("one"), Agent("two"), Agent("three", tasks=2)]
     number = random.randint(2, 7)
     arrows = {}
@@ -91,7 +93,7 @@ def agent_uses(tasks: Sequence[Do]) -> Counter[Agent]:
 
 
 class PlayedRun:
-    """A run along random arrows, with an account of the facts as they would be without a preview.
+    """A run along random arrows. ``plain`` keeps the facts as they would be without a preview.
 
     Each step checks that early work is never in the way.
     """
@@ -117,7 +119,7 @@ class PlayedRun:
         self.work: list[EarlyWork] = []
         self.wasted: list[
             tuple[int, set[str]]
-        ] = []  # state of wasted work, and its facts that are still stale
+        ] = []  # states of wasted work, each with the facts that are still stale
         self.current = 0
         self.progress = 0.0
         self.is_begun = self.is_done = self.is_unfit = self.is_new = False
@@ -143,7 +145,7 @@ class PlayedRun:
         self.machine.redraw_likelihoods(self.random)
 
     def _advance_current(self) -> None:
-        """Advance the current activity until it is done."""
+        """Advance the current activity by a step. The activity may be done then."""
         activity = self.machine.activity(self.current)
         if activity is None or not self.is_begun or self.is_done:
             return
@@ -190,8 +192,8 @@ class PlayedRun:
     # --- states -----------------------------------------------------------------------------------
 
     def _leave_state(self) -> None:
-        """Leave the state by any arrow, however unlikely; by a failure arrow if the activity could
-        not start.
+        """Leave the state by any arrow, however unlikely. If the activity could not start, leave by
+        a failure arrow.
         """
         activity = self.machine.activity(self.current)
         if activity is not None and not self.is_begun and self.plain_needs_hold(activity):
@@ -232,7 +234,7 @@ class PlayedRun:
         self.work.remove(found)
         if found.phase is WorkPhase.FAILED:
             return
-        if not self.plain_needs_hold(activity):  # fails here without a preview, too
+        if not self.plain_needs_hold(activity):  # it fails without a preview, too
             self._mark_wasted(state)
             if found.phase is WorkPhase.RUNNING:
                 self.work.append(replace(found, phase=WorkPhase.STOPPING))
@@ -245,7 +247,7 @@ class PlayedRun:
             self._complete(activity)
 
     def _start_current(self, activity: Activity) -> None:
-        """Start the current activity, also in the account without a preview."""
+        """Start the current activity, in ``plain`` as well."""
         self.is_begun = True
         self.plain = {
             name: value for name, value in self.plain.items() if name not in activity.makes
@@ -285,7 +287,7 @@ class PlayedRun:
         return work.state == self.current or full or bool(clash)
 
     def _facts_are_restored(self, activity: Activity) -> bool:
-        """Whether no fact has to be restored first; otherwise start to restore it."""
+        """Whether no fact must be restored before an activity. If one must, begin to restore it."""
         for state, spoilt in reversed(self.wasted):
             takes_part = spoilt & activity.makes.keys() and not spoilt <= activity.makes.keys()
             if spoilt & activity.needs.keys() or (

@@ -1,4 +1,4 @@
-"""Checks in a journal that each visit to a state had its own execution of the state's activity."""
+"""Checks in a journal that each visit to a state executed the state's activity anew."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -13,19 +13,19 @@ from tca_wire.journal.facts import Entry, StateChanged
 
 
 class TimedReport(NamedTuple):
-    """A report of a run."""
+    """A report of a run, with its entry and time."""
 
     number: int
-    """Number of its entry."""
+    """The number of the report's entry."""
     time: float
     report: CoordinationReport
 
 
 def check_executions(machine: Coordination, entries: list[Entry]) -> int:
-    """Check each completed activity: it must have started for this visit.
+    """Check that each completed activity started for the visit that it completed.
 
-    The earliest valid start is the last time at which its state was left, or became unforeseen.
-    Returns the number of executions that started early.
+    The earliest valid start is the last time at which the activity's state was left, or stopped
+    being foreseen. Return the number of executions that started before the visit.
     """
     reports = list(_reports(entries))
     seen = [one for one in activities_seen(machine, entries) if one.entered is not None]
@@ -52,12 +52,14 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
 
 
 def _last_left(reports: list[TimedReport], state: int) -> float:
-    """Time of the last transition that left a state or made it unforeseen, before it was entered."""
+    """Return the time of the last transition, before a state was entered, that left the state or
+    made it unforeseen.
+    """
     found = 0.0
     for one, following in pairwise(reports):
         is_rest = not (
             following.time == one.time and following.report.taken
-        )  # only then does the report have a preview
+        )  # no other report has a preview
         is_foreseen = any(foreseen.state == state for foreseen in one.report.preview)
         is_off = is_rest and not is_foreseen and one.report.current != state
         if one.report.taken and (one.report.before == state or is_off):

@@ -34,14 +34,14 @@ class Work:
 
 
 EASY = Command("easy", Work, progress=float)
-"""Its tasks are killed by a cancel."""
+"""Tasks that a cancel kills."""
 SLOW = Command("slow", Work, progress=float)
-"""Its tasks take a second to stop."""
+"""Tasks that take a second to stop."""
 STUBBORN = Command("stubborn", Work, progress=float)
-"""Its tasks refuse to be cancelled."""
+"""Tasks that refuse to be cancelled."""
 KINDS = (EASY, SLOW, STUBBORN)
 ODD = {EASY: 0.013, SLOW: 0.029, STUBBORN: 0.047}
-"""Seconds by which tasks take longer, so that no two end at the same time. The order of
+"""Seconds by which tasks take longer, so that no two tasks end at the same time. The order of
 simultaneous ends is undefined.
 """
 AGENTS = {kind: Agent(kind.name) for kind in KINDS}
@@ -52,7 +52,7 @@ PATIENCE = 2.0
 
 
 def random_machine(random: Random, *, unlikely: bool = False) -> Coordination:
-    """A random sound machine; with *unlikely*, no transition is likely."""
+    """Return a random sound machine. With *unlikely*, no transition is likely."""
     while True:
         try:
             return _machine(random, unlikely=unlikely)
@@ -99,7 +99,7 @@ def _machine(random: Random, *, unlikely: bool) -> Coordination:
 
 
 def random_round(random: Random) -> Coordination:
-    """A machine that runs in a loop, and skips some states unless FREE is true."""
+    """Return a machine that runs in a loop, and skips some states unless FREE is true."""
     with Coordination("round", facts=dict.fromkeys(NAMES, 0)) as machine:
         waiting = machine.state("waiting")
         states = [
@@ -146,7 +146,7 @@ def _activity(random: Random, label: str) -> Activity:
 
 
 def make_robot(central: LocalCentral) -> Module:
-    """A robot that carries out the data of its tasks."""
+    """Return a robot that carries out the data of its tasks."""
     robot = Module("robot", central)
 
     def work(task: Task, data: Work) -> None:

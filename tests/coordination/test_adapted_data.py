@@ -16,7 +16,7 @@ ACCORDING_TO_PROGRESS = Continuous(0.0, 1.0, utility=lambda candidate: candidate
 
 
 def drive_and(activity: Activity) -> Coordination:
-    """The base drives to B; then an activity always follows."""
+    """Return a machine in which the base drives to B. Then *activity* always follows."""
     with Coordination("drive", facts={"base": "A"}) as machine:
         to_b, following = machine.state("to B", base("B")), machine.state("following", activity)
         to_b.to(following)
@@ -25,7 +25,9 @@ def drive_and(activity: Activity) -> Coordination:
 
 
 def make_robot(received: list[tuple[float, Any]]) -> Module:
-    """A robot whose base reports each quarter of 8 s. Its arm moves until 10 s after its last data."""
+    """Return a robot whose base reports each quarter of 8 s. Its arm moves until 10 s after its
+    last data.
+    """
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base")
@@ -46,7 +48,7 @@ def make_robot(received: list[tuple[float, Any]]) -> Module:
 
 
 def fails_from(call: int) -> Callable[[str, float, int], str]:
-    """An ``adapt`` that adds the share to the data, and fails from a given call on."""
+    """Return an ``adapt`` that adds the share to the data. It fails from the given *call* on."""
     calls = list[float]()
 
     def adapt(data: str, share: float, _: int) -> str:
@@ -59,14 +61,14 @@ def fails_from(call: int) -> Callable[[str, float, int], str]:
 
 
 def run_to_the_end(run: Play) -> None:
-    """Run until the end; the second activity must have started early."""
+    """Run until the end. Check that the second activity started early."""
     ran = run.begin()
     run.central.advance(60)
     assert ran.result(timeout=5).kept == 1
 
 
 def test_adapted_data_is_made_once_per_speed(caplog: pytest.LogCaptureFixture) -> None:
-    """The task keeps its data when ``adapt`` fails, and that is logged once."""
+    """If ``adapt`` fails, the task keeps its data, and the failure is logged once."""
     received: list[tuple[float, str]] = []
     activity = Activity(Do(MOVE_ARM, "box B", ARM), adapt=fails_from(2))
     with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(received)) as run:

@@ -1,4 +1,6 @@
-"""A coordinator as a process: its journal, learning from it, and Ctrl-C during early work."""
+"""A coordinator as a process: its journal, likelihoods learned from this journal, and Ctrl-C during
+early work.
+"""
 
 import signal
 import threading

@@ -51,7 +51,7 @@ def reaching(place: str) -> Coordination:
 
 
 def driving() -> Coordination:
-    """The base drives until it arrives, or until a noise."""
+    """Return a machine whose base drives until it arrives, or until a noise."""
     with Coordination("drive", facts=AT_HOME) as machine:
         there, end = machine.state("there", base("B")), machine.final("end")
         there.to(end)
@@ -116,7 +116,7 @@ def test_killed_task_fails_the_activity() -> None:
 
 
 def lost() -> Coordination:
-    """The arm moves or fails; the next state needs it moved."""
+    """Return a machine whose arm moves or fails. The next state needs the arm in its new place."""
     with Coordination("lost", facts=AT_HOME) as machine:
         reach = machine.state("reaching", arm("stuck"))
         grasp = machine.state("grasping", opened(arm="stuck"))
@@ -332,7 +332,7 @@ def test_event_sent_right_after_the_start_reaches_the_run() -> None:
 def test_event_for_a_failed_start_does_not_reach_the_next_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The first run fails before it listens, after an event for it has arrived."""
+    """An event for the first run arrives. Then this run fails before it listens for events."""
     begins, event_sent, restart = Event(), Event(), Interpreter.restart
 
     def fail_once(interpreter: Interpreter) -> None:

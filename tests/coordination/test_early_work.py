@@ -199,7 +199,7 @@ def test_failed_early_work_is_not_restarted_early() -> None:
 
 
 def watched(undo: bool) -> Coordination:
-    """A machine with a branch that needs the arm in its initial place."""
+    """Return a machine with a branch that needs the arm in its initial place."""
     with Coordination("watched", facts=START) as machine:
         going = machine.state("going to B", base("B"))
         reach = machine.state("arm to B", arm("B", can_undo=undo))
@@ -222,7 +222,7 @@ def test_branch_needing_old_value_forbids_irreversible_work() -> None:
 
 
 def test_failing_branch_still_needs_the_old_value() -> None:
-    """Greeting moves the arm again, but may fail for want of light; then looking needs the arm's
+    """Greeting moves the arm again, but may fail for want of light. Then looking needs the arm's
     old place.
     """
     with Coordination("dark", facts={**START, "light": "on"}) as machine:
@@ -247,7 +247,7 @@ def test_failing_branch_still_needs_the_old_value() -> None:
 
 
 def test_no_early_work_starts_on_wasted_facts() -> None:
-    """The arm was moved in vain and is at B by chance; it may first have to return."""
+    """The arm was moved in vain, and is at B by chance. It may have to return first."""
     machine = watched(undo=True)
     spoilt = decided("going to B", {**START, "arm": "B"}, machine=machine, spoilt=["arm"])
     assert spoilt.refused == [Objection(1, Reason.BRANCH, "arm", 2)]
@@ -273,7 +273,7 @@ def test_restoring_work_blocks_its_state_and_agents() -> None:
 
 
 def lifting(**options: Any) -> Coordination:
-    """A machine whose second activity changes a fact that it needs."""
+    """Return a machine whose second activity changes a fact that it needs."""
     lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"}, **options)
     with Coordination("lifting", facts=START) as machine:
         going = machine.state("going to B", base("B"))
@@ -298,7 +298,7 @@ def test_activity_changing_its_needs_must_be_undoable() -> None:
 
 
 def test_early_result_of_a_later_state_meets_no_needs() -> None:
-    """The arm is already at B, but for a later state; looking must not rely on it."""
+    """The arm is already at B, but for a later state. Looking must not rely on this place."""
     look = Activity(Do(MOVE_GRIPPER, "look", GRIPPER), needs={"arm": "B"})
     with Coordination("later", facts={**START, "arm": "B"}) as machine:
         going = machine.state("going to B", base("B"))
@@ -315,7 +315,9 @@ def test_early_result_of_a_later_state_meets_no_needs() -> None:
 
 
 def reaching(likelihood: Prior | None, event: str = "done", *, progress: bool = False) -> Decision:
-    """The decision while the first activity has no progress. On a failure the machine gives up."""
+    """Return the decision while the first activity has no progress. If this activity fails, the
+    machine gives up.
+    """
     first = base("B") if progress else Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
     with Coordination("reaching", facts=START) as machine:
         going, reach = machine.state("going to B", first), machine.state("arm to B", arm("B"))
@@ -327,7 +329,7 @@ def reaching(likelihood: Prior | None, event: str = "done", *, progress: bool = 
 
 
 def test_impossible_failure_opens_no_branch() -> None:
-    """An activity without a progress report does not hold others back, either."""
+    """An activity without a progress report does not hold back others, either."""
     assert reaching(None).refused == [Objection(1, Reason.BRANCH, "arm", 3)]
     assert reaching(Prior(0.0)).shares == {1: 1.0}
     assert reaching(Prior(0.0), progress=True).refused == [Objection(1, Reason.UTILITY, other=0)]
@@ -362,7 +364,7 @@ def test_progress_before_crosses_compound_end_but_not_a_wait() -> None:
 
 
 def test_undo_cost_counts_when_a_branch_may_need_it() -> None:
-    """Moving the arm costs 0.2, and undoing it the same."""
+    """Moving the arm costs 0.2, and so does undoing the move."""
     policy = Discrete(0.3)
     with Coordination("costs", facts=START) as machine:
         going = machine.state("going to B", base("B"))

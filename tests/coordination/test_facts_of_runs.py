@@ -1,5 +1,5 @@
-"""Facts in runs: early work is undone where its facts matter, and the machine takes the same path
-as without it.
+"""Facts in runs. Early work is undone where its facts matter, so the machine takes the same path as
+without early work.
 """
 
 import pytest
@@ -36,8 +36,8 @@ FACTS = AT_HOME | {"lid": "shut"}
 
 
 def fork(free: Activity, *taken: Activity) -> Coordination:
-    """The base drives to B; then one activity follows if box B is free, and otherwise several
-    others.
+    """Return a machine in which the base drives to B. Then *free* follows if box B is free,
+    otherwise the activities *taken*.
     """
     with Coordination("fork", facts=FACTS) as machine:
         to_b, if_free, end = (
@@ -57,13 +57,15 @@ def fork(free: Activity, *taken: Activity) -> Coordination:
 
 
 def events_after_mistake(run: Play) -> list[str]:
-    """Take box B after early work is done; return the events from then on."""
+    """Take box B after early work is done. Return the events from then on."""
     run.start_with_wrong_prediction()
     return [line for line in run.event_lines() if float(line.split()[0]) > 4]
 
 
 def test_early_result_survives_a_short_wrong_observation() -> None:
-    """A wrong observation lasts one second; the arm stays in place, and its result is kept."""
+    """A wrong observation lasts one second. The arm stays in place, and the result of its move is
+    kept.
+    """
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=4)
         run.box_b(0.0)
@@ -148,8 +150,8 @@ def test_state_cannot_start_on_facts_of_wasted_early_work() -> None:
 
 
 def test_early_work_is_not_kept_when_its_needs_are_unmet() -> None:
-    """The path that skips the arm is unlikely, but taken at the last moment. Without a preview the
-    arm is not there.
+    """The path that skips the arm is unlikely, but is taken at the last moment. Without a preview
+    the arm would not be there.
     """
     with Coordination("past", facts=FACTS) as machine:
         to_b, reach = (

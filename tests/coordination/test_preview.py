@@ -86,7 +86,7 @@ def test_preview_prefers_the_shorter_then_the_first_path() -> None:
 
 
 def test_most_likely_path_is_found_below_float_range() -> None:
-    """Its probability underflows a float."""
+    """The probability of this path is too small for a float."""
     length = 2000
     arrows = {state: [LikelyArrow("done", state + 1, 0.55)] for state in range(length)}
     for state in range(length - 1):

@@ -21,7 +21,7 @@ from tca_wire.coordination import Foreseen
 
 
 class MachineWithoutLikelihoods(RandomAutomaton):
-    """A machine without likelihoods."""
+    """A random automaton that has lost its likelihoods."""
 
     def __init__(self, machine: RandomAutomaton) -> None:
         super().__init__(machine.arrows, machine.activities)
@@ -32,8 +32,9 @@ class MachineWithoutLikelihoods(RandomAutomaton):
 
 @st.composite
 def automata(draw: st.DrawFn) -> RandomAutomaton:
-    """Up to six states with up to three arrows each. Likelihoods are eighths, whose products are
-    exact, and often equal."""
+    """Draw an automaton of up to six states with up to three arrows each. Likelihoods are eighths,
+    so their products are exact, and often equal.
+    """
     number = draw(st.integers(1, 6))
     arrows = {}
     for state in range(number):
@@ -65,10 +66,11 @@ def is_steady(automaton: RandomAutomaton, state: int, limits: PreviewLimits) -> 
 def all_paths(
     automaton: RandomAutomaton, path: list[tuple[int, int, float]], limits: PreviewLimits
 ) -> Iterator[list[tuple[int, int, float]]]:
-    """All paths that end in a steady state or at the horizon: states, each with the arrow and
-    likelihood of its entry.
+    """Yield all paths that end in a steady state or at the horizon. A path lists its states, each
+    with the arrow and likelihood of its entry.
 
-    Without a horizon no path visits a state twice, which would only make it less probable.
+    Without a horizon no path visits a state twice. A second visit would only make the path less
+    probable.
     """
     state = path[-1][0]
     if is_steady(automaton, state, limits) or len(path) - 1 == limits.horizon:

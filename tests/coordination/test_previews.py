@@ -38,7 +38,9 @@ from tca_module import Command, ExceptionHandler, Module, Outcome, Task, TaskFai
 
 
 def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coordination:
-    """The base drives to B; then one activity follows if box B is free, and otherwise another."""
+    """Return a machine in which the base drives to B. Then *free* follows if box B is free,
+    otherwise *taken*.
+    """
     with Coordination("fork", facts=AT_HOME) as machine:
         to_b = machine.state("to B", first or base("B"))
         if_free, if_taken = machine.state("free", free), machine.state("taken", taken)
@@ -270,8 +272,8 @@ def test_agent_with_capacity_two_ranks_its_tasks() -> None:
 
 
 def test_failing_preview_function_does_not_end_the_run(caplog: pytest.LogCaptureFixture) -> None:
-    """They raise, or return no number. Each failure is logged once, and the arm does not move
-    early.
+    """The functions raise, or return no number. Each failure is logged once, and the arm does not
+    move early.
     """
 
     def wrong(*_: object) -> float:
@@ -314,8 +316,8 @@ def test_failing_preview_function_does_not_end_the_run(caplog: pytest.LogCapture
 def test_invalid_progress_of_early_task_does_not_end_the_run(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """It raises, or returns no number. The error is logged once, and counts only once the state is
-    entered.
+    """The progress function raises, or returns no number. The error is logged once. It counts only
+    when the state is entered.
     """
 
     def unread(report: float) -> float:

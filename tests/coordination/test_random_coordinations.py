@@ -33,7 +33,7 @@ MOST_ARE_REFUSED = settings(
 LABELS = [f"s{number}" for number in range(9)]
 EVENTS = ["done", "failed", "go", "go on"]
 GUARDS = ["g0", "g1"]
-"""Each guard is a fact of this name."""
+"""The guards. Each guard is a fact with its name."""
 
 
 def write_states(
@@ -90,7 +90,7 @@ def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
 
 
 def random_sound_machine(data: st.DataObject) -> Coordination:
-    """A random sound machine."""
+    """Return a random sound machine."""
     try:
         with Coordination("random") as machine:
             write_arrows(write_states(machine, data, list(reversed(LABELS)), 0), data)
@@ -102,7 +102,7 @@ def random_sound_machine(data: st.DataObject) -> Coordination:
 def expected_arrows(
     machine: Coordination, leaf: int, event: str, facts: dict[str, Any]
 ) -> list[TakenArrow]:
-    """The arrows of the automaton that an event takes."""
+    """Return the arrows of the automaton that an event takes."""
 
     def is_taken(arrow: LikelyArrow, event: str) -> bool:
         return arrow.symbol in (event, *(f"{event} [{guard}]" for guard in GUARDS if facts[guard]))

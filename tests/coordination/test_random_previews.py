@@ -17,19 +17,19 @@ from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Entry, StateChanged
 
 EAGER = Discrete(0.5, utility=lambda _: 1.0)
-"""Starts every foreseen activity."""
+"""A policy that starts every foreseen activity."""
 SEEDS = st.integers(0, 10**6)
 
 
 class SimulatedRun(NamedTuple):
-    """A run with its random events, without its end."""
+    """A run with its random events, but without its end."""
 
     transcript: str
     entries: list[Entry]
 
     @property
     def path(self) -> list[str]:
-        """The transitions."""
+        """Return the transitions of the run."""
         facts = [
             fact for entry in self.entries for fact in entry.facts if isinstance(fact, StateChanged)
         ]

@@ -1,4 +1,6 @@
-"""An unsound machine is rejected when it is built, with one line that says how to repair it."""
+"""An unsound machine is rejected when it is built. The error is one line that says how to repair
+the machine.
+"""
 
 from collections.abc import Callable
 from typing import Any

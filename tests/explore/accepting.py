@@ -1,4 +1,6 @@
-"""A robot with one request about a task, and everything that may happen before the request is kept."""
+"""A robot with one request about a task. Much may happen before central has carried out the
+request.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,14 +29,14 @@ BETWEEN = {
     "suspension": "suspend walk, kill step",
     "loss of client": "lose planner",
 }
-"""The disturbances of each scenario, possible at any time. The order makes the pairs outside of
-soak runs cheap ones.
+"""The disturbances of each scenario. They may happen at any time. Only soak runs try every pair;
+the order of rows makes the other runs' pairs cheap.
 """
 
 
 def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") -> tca.Scenario:
-    """A user's walk has one step. The planner, or an operator that finds the step, makes the
-    request.
+    """Return a scenario: a user's walk has one step. The planner makes the request, or an operator
+    that finds the step does.
     """
 
     def module(name: str) -> tca.ScenarioModule:
@@ -92,7 +94,9 @@ def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") 
 def messages_with(
     world: tca.World, message: Message[Any, Any], *states: str, data: Any = None
 ) -> list[tca.Seen]:
-    """The messages of that name (and data) with all these attributes: "is_over", "is_killed", ..."""
+    """Return the messages with this name and data, and with all these attributes: "is_over",
+    "is_killed", ...
+    """
     return [
         one
         for one in world.messages
@@ -105,12 +109,12 @@ def messages_with(
 def has_ended(
     message: Message[Any, Any], data: Any = None
 ) -> Callable[[tca.World], list[tca.Seen]]:
-    """The tasks that have just ended, achieved or killed."""
+    """Return a function for the tasks that have just ended, achieved or killed."""
     return lambda world: messages_with(world, message, "is_over", data=data)
 
 
 def kept_at_once(call: str, kept: Callable[[tca.World], object]) -> tca.Property:
-    """An accepted call is kept as soon as it has been accepted."""
+    """Return a property: an accepted call has its effect as soon as it is accepted."""
 
     def accepted_and_not_done(world: tca.World) -> bool:
         return bool(accepted(call)(world)) and not kept(world)

@@ -1,4 +1,4 @@
-"""Small scenarios for several test files: a walk, with its failures, wiretaps and monitors."""
+"""Small scenarios for several test files: walks with failures, wiretaps and monitors."""
 
 from typing import Any
 
@@ -33,14 +33,18 @@ def assert_good(scenario: Scenario, *properties: Property, **options: Any) -> Re
 
 
 def counterexample(scenario: Scenario, *properties: Property, **options: Any) -> str:
-    """Return the counterexample, and assert that it exists."""
+    """Explore a scenario, assert that a property is violated, and return the counterexample as
+    text.
+    """
     result = explore(scenario, *properties, check=check_invariants, **options)
     assert result.violation is not None, report(result)
     return report(result)
 
 
 def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: Any) -> Scenario:
-    """A user walks and then rests. Only the first two steps of a walk are ordered."""
+    """Return a scenario: a user walks and then rests. Only the first two steps of a walk are
+    ordered.
+    """
     scenario = Scenario("walking", *properties)
     planner, feet, user = (
         scenario.module("planner"),
@@ -70,8 +74,8 @@ def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: 
 
 
 def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Scenario:
-    """A step that may slip each time. It is retried, then the walk is replanned, then the handler
-    gives up.
+    """Return a scenario with a step that may slip each time. One exception handler retries the
+    step. The next one replans the walk, and later gives up.
     """
     scenario = Scenario("a recovery ladder", *properties)
     planner, expert = scenario.module("planner"), scenario.module("expert")
@@ -105,7 +109,7 @@ def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Sc
 
 
 def tapped(condition: Condition, *properties: Property) -> Scenario:
-    """A wiretap checks each of two steps."""
+    """Return a scenario in which a wiretap checks each of two steps."""
     scenario = Scenario(f"tapped {condition}", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     scenario.module("safety").handles(CHECK)(lambda _: None)
@@ -120,8 +124,8 @@ def tapped(condition: Condition, *properties: Property) -> Scenario:
 
 
 def tapped_late(*properties: Property, safety_arrives_late: bool = False) -> Scenario:
-    """A step queued for a locked resource is tapped; the tap comes from the user, or with the late
-    safety module.
+    """Return a scenario with a wiretap on a step that is queued for a locked resource. The user
+    adds the tap, or the safety module does when it arrives late.
     """
     scenario = Scenario("tapped late", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -143,7 +147,7 @@ def tapped_late(*properties: Property, safety_arrives_late: bool = False) -> Sce
 
 
 def suspending(*properties: Property) -> Scenario:
-    """A walk that may be suspended, and is then resumed."""
+    """Return a scenario with a walk that may be suspended, and is then resumed."""
     scenario = Scenario("suspended", *properties)
 
     scenario.module("planner").handles(WALK)(steps_once)
@@ -160,7 +164,9 @@ def suspending(*properties: Property) -> Scenario:
 
 
 def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
-    """Two steps are created and then ordered, the newer one first. *kills* of them may be killed."""
+    """Return a scenario: two steps are created and then ordered, the newer one first. *kills* of
+    these steps may be killed.
+    """
     scenario = Scenario("ordered", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(nothing)
     scenario.may_kill(STEP, kills)
@@ -183,7 +189,9 @@ def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
 
 
 def late(*properties: Property, handled: bool = False) -> Scenario:
-    """A step with a deadline of five seconds, whose reply may be under way at that time."""
+    """Return a scenario with a step whose deadline is five seconds. The step's reply may be under
+    way when the deadline passes.
+    """
     scenario = Scenario("a deadline", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     expert = scenario.module("expert")
@@ -205,7 +213,7 @@ def late(*properties: Property, handled: bool = False) -> Scenario:
 
 
 def polling(monitor: PollingMonitor[None], *properties: Property, **options: Any) -> Scenario:
-    """A monitor that asks every second whether the battery is low."""
+    """Return a scenario with a monitor that asks every second whether the battery is low."""
     scenario = Scenario("polling", *properties)
 
     @scenario.module("battery").handles(IS_LOW)
@@ -222,8 +230,8 @@ def polling(monitor: PollingMonitor[None], *properties: Property, **options: Any
 
 
 def helped(*properties: Property, may_leave: bool = False) -> Scenario:
-    """Two steps slip. A helper, which may leave, handles one failure at a time; a second handler
-    stands by.
+    """Return a scenario in which two steps slip. A helper handles one failure at a time, and may be
+    lost. A second exception handler stands by.
     """
     scenario = Scenario("two steps slip", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(slips)
@@ -256,7 +264,7 @@ def slips_or_not(task: Task) -> None:
 
 
 def nothing(*_: object) -> None:
-    """A handler that does nothing."""
+    """Do nothing, as a handler."""
 
 
 def steps_once(task: Task) -> None:

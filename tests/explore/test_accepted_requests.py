@@ -1,9 +1,10 @@
-"""Central keeps each accepted request, or reports why not, whatever happens in between. No task may
-be stuck.
+"""Central fulfils each accepted request, or reports why not, whatever happens in between. No task
+may be stuck.
 
-Each request has a small scenario. Requests about a task share one (accepting.py), with a table of
-the meaning of *kept*. Timers, later replies and direct messages are left out, as modules handle
-them alone. Messages, variables and resources are in test_answered_requests.py.
+Each request has a small scenario. Requests about a task share one scenario (accepting.py). A table
+says when each of them is *kept*, that is, fulfilled. Timers, later replies and direct messages are
+left out, because modules handle them alone. Messages, variables and resources are in
+test_answered_requests.py.
 """
 
 from collections.abc import Callable
@@ -64,7 +65,7 @@ SOAKED_LOSS = pytest.param(LOST, marks=pytest.mark.soak)
 
 
 def after_handler(task: tca.Task) -> Any:
-    """A constraint on the return of a task's handler."""
+    """Return the constraint that a task starts after the handler of *task* has returned."""
     return task.handling.end <= this.achieving.start
 
 
@@ -72,7 +73,7 @@ def after_handler(task: tca.Task) -> Any:
 
 
 def has(moment: Moment) -> Callable[[tca.World], list[tca.Seen]]:
-    """Rests that have reached that moment, and were not killed."""
+    """Return a function for the rests that have reached *moment*, and were not killed."""
     return lambda world: [
         rest for rest in messages_with(world, REST) if rest.has(moment) and not rest.is_killed
     ]
@@ -100,7 +101,7 @@ COMES_TRUE: dict[Condition, Callable[[tca.World], object]] = {
 
 
 def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
-    """A tapped rest that may fail, be killed, or be lost with its module."""
+    """Return a scenario with a tapped rest that may fail, be killed, or be lost with its module."""
     scenario = tca.Scenario(title)
     scenario.module("couch", may_be_lost=1, comes_back=True).handles(REST)(slips_or_not)
     ear = scenario.module("ear")
@@ -153,7 +154,9 @@ def help_after_removal(world: tca.World) -> list[tca.Seen]:
 
 @pytest.mark.soak
 def test_exception_handler_is_called_until_removed() -> None:
-    """For failures of the handler and for lost modules; only once."""
+    """The exception handler is called for failures of the handler and for lost modules, and only
+    once.
+    """
     scenario = tca.Scenario("help")
     scenario.module("legs", **LOST).handles(STEP)(slips_or_not)
     scenario.module("others").handles(HELP)(helped)
@@ -183,7 +186,7 @@ def low(task: tca.Task) -> bool:
 
 
 def watched(watch: Callable[[tca.Script], object], **battery: Any) -> tca.Scenario:
-    """A user watches a battery, which others read and charge."""
+    """Return a scenario: a user watches a battery, which other modules read and charge."""
     scenario = tca.Scenario("watched")
     scenario.module("battery", **battery).handles(IS_LOW)(low)
     dock = scenario.module("dock")
@@ -194,7 +197,7 @@ def watched(watch: Callable[[tca.Script], object], **battery: Any) -> tca.Scenar
 
 
 def watching(world: tca.World) -> list[tca.Seen]:
-    """The monitors that have neither ended nor been killed."""
+    """Return the monitors that have neither ended nor been killed."""
     return [
         one
         for one in world.tasks
@@ -224,7 +227,7 @@ MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
 @pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["no loss", "loss"])
 @pytest.mark.parametrize("name", MONITORS)
 def test_monitor_lasts_as_long_as_requested(name: str, battery: dict[str, Any]) -> None:
-    """Or until it is killed, or the handler of its condition is lost."""
+    """A monitor may end earlier if it is killed, or if the handler of its condition is lost."""
     monitor, watch, properties = MONITORS[name]
     scenario = watched(watch, **battery)
     scenario.may_kill(monitor)
@@ -286,7 +289,9 @@ def test_accepted_fire_sends_the_action() -> None:
 
 
 def two_steps(plan: Callable[[tca.Task], None], **legs: Any) -> tca.Scenario:
-    """A walk of two steps that could overlap. One of them is killed or lost."""
+    """Return a scenario: a walk of two steps that could overlap. One of the steps is killed or
+    lost.
+    """
     scenario = tca.Scenario("two steps")
     scenario.module("planner").handles(WALK)(plan)
     scenario.module("legs", **legs).handles(STEP)(nothing)
@@ -322,7 +327,7 @@ def with_priority(task: tca.Task) -> None:
 
 
 def second_begun_or_killed(world: tca.World) -> bool:
-    """The second step has begun, or was killed."""
+    """Whether the second step has begun or was killed."""
     return any(step.is_begun or step.is_killed for step in messages_with(world, STEP, data=2))
 
 
@@ -394,23 +399,23 @@ def test_retained_task_is_known_until_released(legs: dict[str, Any]) -> None:
 
 
 class Request(NamedTuple):
-    """A request about a step, with the condition that keeps it."""
+    """A request about a step, with the condition under which the request counts as kept."""
 
     call: str
     ask: Callable[[Any, TaskRef], object]
     kept: Callable[[tca.World], object]
     seconds: float = 0
-    """The allowed time; 0: at once."""
+    """The time within which the request must be kept; 0: at once."""
 
 
 def gone(world: tca.World) -> bool:
-    """Every step has ended or was killed."""
+    """Whether every step has ended or was killed."""
     return all(one.is_killed or one.is_over for one in messages_with(world, STEP))
 
 
 def ended_safely(world: tca.World) -> bool:
-    """The step ended, was killed before its start, or its termination message was handled before
-    its end.
+    """Whether the step ended or was killed before its start, or its termination message was handled
+    before its end.
     """
     ended = messages_with(world, STEP, "is_over")
     return bool(messages_with(world, LIFT, "is_over")) or any(
@@ -484,7 +489,7 @@ def killed_and_over(world: tca.World) -> list[tca.Seen]:
 
 
 def test_termination_message_is_handled_before_killed_task_ends() -> None:
-    """Even if the kill came first, unknown to the handler."""
+    """The rule also holds if the kill came first, unknown to the handler."""
     scenario = tca.Scenario("a brake that was asked for is used")
     motor, brake, user = scenario.module("motor"), scenario.module("brake"), scenario.module("user")
 

@@ -1,8 +1,8 @@
 """The Ambler's walking constraints plan at most one step ahead, in every order of events.
 
 The scenario has the modules, handlers and messages of robots/ambler_sim/modules. Its messages have
-the robot's names and simpler data: the number of remaining steps. The last test compares it with
-the real modules.
+the robot's names and simpler data: the number of remaining steps. The last test compares the
+scenario with the real modules.
 """
 
 import time
@@ -89,7 +89,7 @@ def plan_gait(scenario: Scenario, *, plans_ahead: bool) -> None:
         task.query(PLAN_FOOTFALL)
         task.query(PLAN_LEG_RECOVERY)
         task.query(PLAN_BODY_MOVE)
-        # Plan the next step after this one's start: without it, planning has no limit.
+        # The next step is planned after the start of this one. Otherwise planning has no limit.
         started = [task.achieving.start <= this.planning.start]
         if left % 2 == 0:
             image = task.command(ACQUIRE_IMAGE, left)
@@ -153,7 +153,7 @@ Orders = set[tuple[str, str, tuple[Any, ...]]]
 
 
 def steps_planned_ahead(world: tca.World) -> list[Any]:
-    """Steps with started planning that are not achieved yet."""
+    """Return the steps whose planning has started, but whose achieving has not."""
     return [
         task
         for task in world.tasks
@@ -169,7 +169,7 @@ def at_the_machine(world: tca.World) -> list[Any]:
 
 
 def steps_in_order(steps: int) -> list[Any]:
-    """Each move follows the move before it, and each step the step before it."""
+    """Return the properties that each move follows the move before it."""
     moves = [
         (message, left)
         for left in range(steps, 0, -1)
@@ -217,8 +217,8 @@ def test_ambler_plans_too_far_ahead_without_constraint() -> None:
 
 
 def orders(world: tca.World) -> Orders:
-    """The sends of tasks with their constraints: ``(parent, message, ((moment, moment, leader),
-    ...))``.
+    """Return the sends of tasks with their constraints: ``(parent, message, ((moment, moment,
+    leader), ...))``.
     """
     found = set()
     for task in world.tasks:
@@ -235,8 +235,8 @@ def orders(world: tca.World) -> Orders:
 
 
 def orders_of_real_walk(monkeypatch: pytest.MonkeyPatch) -> Orders:
-    """The orders of a walk of three steps by the real modules. The third step is planned during the
-    first.
+    """Return the orders of a walk of three steps by the real modules. The third step is planned
+    during the first.
     """
     robot, known, found = make_robot("kinematic"), JournalWorld([], is_whole=True), set()
     with LocalCentral(check=check_invariants) as central, ExitStack() as stack:

@@ -1,7 +1,7 @@
-"""The same promise for messages, variables and resources: each request is answered, handled or
-granted, or its sender is notified.
+"""Messages, variables and resources: each request is answered, handled or granted, or its sender is
+notified.
 
-Each sender notes the result. Programs are lost, return, and leave in between.
+Each sender notes the result of its request. Meanwhile programs are lost, return, and leave.
 """
 
 import contextlib
@@ -35,7 +35,7 @@ POSITION: Variable[int] = Variable("position", int)
 
 
 def note_result(me: tca.Script, request: Callable[[tca.Script], Any]) -> None:
-    """Note the result."""
+    """Make a request, and send its result in a note."""
     try:
         me.inform(NOTE, str(request(me)))
     except (QueryFailed, Timeout, Refused) as error:
@@ -68,7 +68,7 @@ MODULE_OPTIONS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize(("name", "options_name"), one_in(3, ASKED, MODULE_OPTIONS))
 def test_every_query_is_answered(name: str, options_name: str) -> None:
-    """A request waits as long as it has no handler; one of the two maps stays."""
+    """A query waits as long as it has no handler. One of the two maps stays."""
     scenario = tca.Scenario(name)
     for module in (
         scenario.module("map"),
@@ -83,7 +83,7 @@ def test_every_query_is_answered(name: str, options_name: str) -> None:
 
 @pytest.mark.soak
 def test_sent_inform_and_broadcast_are_handled() -> None:
-    """A broadcast goes to all. A message to a handler that dies is not repeated."""
+    """The broadcast goes to all ears. A message is not repeated to a handler that was lost."""
     scenario = tca.Scenario("telling")
     for name in ("ear", "other ear"):
         scenario.module(name, **(LOST if name == "ear" else {})).handles(ALARM)(nothing)
@@ -106,7 +106,7 @@ def test_sent_inform_and_broadcast_are_handled() -> None:
 
 
 def test_variable_value_reaches_every_watcher() -> None:
-    """Even if the watcher comes late or returns, or the sender has left."""
+    """The rule also holds if the watcher comes late or returns, or if the sender has left."""
     scenario = tca.Scenario("watching")
     scenario.module("display", arrives_late=True, **LOST).handles(POSITION)(nothing)
 
@@ -172,7 +172,7 @@ LOSES = ("legs", "its claim", "nothing", "planner")
 
 
 def granted_or_ended(world: tca.World) -> bool:
-    """The planner holds the resource, or its walk has ended."""
+    """Whether the planner holds the resource, or its walk has ended."""
     return any(
         held.sender.startswith("planner") for held in world.held_by.values()
     ) or not has_living_walk(world)

@@ -1,5 +1,5 @@
-"""Broken rules of central are found: for failures, wiretaps, monitors, suspension and time, one at
-a time.
+"""Rules of central are broken one at a time: for failures, wiretaps, monitors, suspension and time.
+The explorer finds each of them.
 """
 
 from collections.abc import Callable
@@ -227,7 +227,7 @@ def unhandled_message_sent(patch: Patch) -> None:
 
 
 def called_once(*properties: Any, higher: Callable[[tca.Task], None]) -> tca.Scenario:
-    """A step that slips each time, with an exception handler that is called at most once."""
+    """Return a scenario: a step slips each time. Its exception handler is called once at most."""
     scenario = tca.Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
     scenario.module("legs").handles(STEP)(slips)
     scenario.module("expert").handles(HIGHER)(higher)
@@ -250,7 +250,9 @@ def may_resolve(task: tca.Task) -> None:
 
 
 def with_mortal_handler(*properties: Any) -> tca.Scenario:
-    """An exception handler whose module may be lost, and another one further out."""
+    """Return a scenario with an exception handler whose module may be lost, and another one
+    attached to the root.
+    """
     scenario = tca.Scenario("mortal", *properties)
     scenario.module("legs").handles(STEP)(slips)
     scenario.module("expert", may_be_lost=1).handles(HIGHER)(resolves)
@@ -266,7 +268,7 @@ def with_mortal_handler(*properties: Any) -> tca.Scenario:
 
 
 def sent_if_handled(*properties: Any) -> tca.Scenario:
-    """A walk without a handler that is sent *if handled*."""
+    """Return a scenario with a walk without a handler, sent *if handled*."""
     scenario = tca.Scenario("maybe", *properties)
 
     @scenario.module("user").does
@@ -337,14 +339,16 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
 
 
 is_good = cache(lambda explored: explored().ok)
-"""Whether a scenario is good before a rule is broken."""
+"""A function: whether a scenario is good before a rule is broken. Its results are kept."""
 
 
 @pytest.mark.parametrize("mutation", BROKEN, ids=lambda mutation: mutation.__name__)
 def test_broken_control_rule_is_found(
     monkeypatch: Patch, mutation: Callable[[Patch], None]
 ) -> None:
-    """Promises and properties find it, without central's invariants, in few actions."""
+    """Promises and properties find the broken rule in few actions, without a check of central's
+    invariants.
+    """
     assert is_good(BROKEN[mutation])
     mutation(monkeypatch)
     result = BROKEN[mutation]()

@@ -49,8 +49,8 @@ PACE: Variable[int] = Variable("pace", int)
 def robot(
     walk: Callable[..., object], *properties: Any, **others: Callable[..., object]
 ) -> tca.Scenario:
-    """A user that sends a walk, a planner with the given handler, and a module that handles the
-    rest.
+    """Return a scenario: a user sends a walk, *walk* handles it, and one module handles all other
+    messages.
     """
     scenario = tca.Scenario("a robot", *properties)
     scenario.module("planner").handles(WALK)(walk)
@@ -159,7 +159,7 @@ def test_monitor_of_each_kind_acts() -> None:
         kind = task.choose("rocks", "ground", "battery")
         if kind == "rocks":
             rocks = task.monitor(ROCKS, maximum=1)
-            with contextlib.suppress(Refused):  # it has ended
+            with contextlib.suppress(Refused):  # the monitor has ended
                 rocks.end()
         elif kind == "ground":
             task.monitor(GROUND)

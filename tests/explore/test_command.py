@@ -71,8 +71,8 @@ def test_unexplorable_file_exits_with_usage_error(tmp_path: Path, text: str, wor
 
 
 def test_limit_report_names_parts_that_multiply_states(tmp_path: Path) -> None:
-    """The report names the parts that multiply states, most frequent first: here an irrelevant
-    clock.
+    """The report names the parts that multiply states, the most frequent part first. Here an
+    irrelevant clock comes first.
     """
     text = """
 from tca_tools.explore import Scenario, never_stuck
@@ -100,7 +100,7 @@ boss.does(lambda me: [me.command(WAIT, deadline=20.0)])
 
 
 def test_scenario_file_imports_modules_beside_it(tmp_path: Path) -> None:
-    """As with ``python scenarios.py``: imports work from any working directory."""
+    """As with ``python scenarios.py``, imports work from any working directory."""
     (tmp_path / "stepping.py").write_text(
         "from tca_wire.messages.declarations import Command\nSTEP = Command('step')\n"
     )
@@ -132,7 +132,7 @@ def test_documented_counterexample_is_real_output(tmp_path: Path) -> None:
 
 
 def test_progress_is_shown_on_terminal_only(tmp_path: Path) -> None:
-    """Progress is one terminal line that is erased at the end; standard output has none of it."""
+    """Progress is one terminal line, which is erased at the end. Standard output has none of it."""
     path = tmp_path / "scenarios.py"
     path.write_text(
         SCENARIO + "for name in 'abc':\n    GOOD.module(name).does(lambda me: [me.command(STEP)])"

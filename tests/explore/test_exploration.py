@@ -33,7 +33,7 @@ from tca_wire.messages.declarations import Command
 def independent_users(
     *properties: tca.Property, names: tuple[str, str] = ("one", "other")
 ) -> tca.Scenario:
-    """Two independent users, each with a command that takes no time."""
+    """Return a scenario with two independent users. Each sends a command that takes no time."""
     scenario = tca.Scenario("strangers", *properties)
     for name in names:
         command = Command(name)
@@ -60,7 +60,7 @@ def other_first(world: tca.World) -> bool:
 @pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
 @pytest.mark.parametrize("may_be", [both_running, other_first])
 def test_memory_of_property_is_part_of_state(names: tuple[str, str], may_be: Any) -> None:
-    """Both commands end, overlapping or not, whichever order is tried first."""
+    """Both commands end, overlapping or not. The order in which they are tried does not matter."""
     counterexample(independent_users(eventually(may_be), names=names))
     counterexample(independent_users(eventually(nothing), names=names))
     assert_good(
@@ -76,7 +76,7 @@ def nothing(_: tca.World) -> bool:
 
 
 def both_over(world: tca.World) -> bool:
-    """The last command ends."""
+    """Whether both commands have ended, the last one just now."""
     return len(world.tasks) == 1 and all(task.is_over for task in world.tasks)
 
 
@@ -162,7 +162,7 @@ def test_play_snapshot_and_replay_give_the_same_states(
 
 
 def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A walk with more snapshots than memory."""
+    """The walk has more snapshots than fit into the memory."""
     made: list[int] = []
     real = Snapshots.save
 
@@ -232,7 +232,7 @@ def test_ended_run_is_judged_before_continuing_one() -> None:
 
 
 def ended_long_ago(me: tca.Script) -> object:
-    """Only the result of the ended step is left."""
+    """Return the result of a step that ended earlier. Only the result is left of the step."""
     step = me.command(STEP)
     me.goal(REST).wait()
     return step.result()
@@ -255,7 +255,7 @@ def was_decided(me: tca.Script) -> object:
 def test_state_keeps_value_that_is_sent_later(
     later: Callable[[tca.Script], object], result: int
 ) -> None:
-    """Nothing else distinguishes the runs before the note."""
+    """Only this value distinguishes the runs before the note."""
     scenario = tca.Scenario("told later")
     legs = scenario.module("legs")
     legs.handles(STEP)(lambda task: task.choose(1, 2))
@@ -267,8 +267,8 @@ def test_state_keeps_value_that_is_sent_later(
 
 
 def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
-    """A step that may be killed once, on legs that may be lost once. The remaining faults are part
-    of the state.
+    """Return a scenario with a step that may be killed once, on legs that may be lost once. The
+    faults that may still come are part of the state.
     """
     scenario = tca.Scenario("still to come", *properties)
     scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
@@ -345,7 +345,7 @@ def test_shortest_counterexample_is_shown() -> None:
 
 
 def test_no_shorter_counterexample_exists() -> None:
-    """Without the property, no walk ends within three actions."""
+    """No walk ends within three actions, so the counterexample has four."""
     result = tca.explore(walking(never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
@@ -368,7 +368,7 @@ def test_result_is_unknown_at_the_limit() -> None:
 
 
 def stuck() -> tca.Result:
-    """A handler waits for a task that needs the same handler."""
+    """Explore a scenario in which a handler waits for a task that needs the same handler."""
     scenario = tca.Scenario("a short circuit", never_stuck())
 
     @scenario.module("planner").handles(WALK)

@@ -54,7 +54,9 @@ Path = tuple[Action, ...]
 
 
 def busy() -> Scenario:
-    """Most actions of modules, with pools, priorities, nested queries and choices."""
+    """Return a scenario with most actions of modules, and with pools, priorities, nested queries
+    and choices.
+    """
     scenario = Scenario("busy")
     for name in ("legs", "more legs"):
         legs = scenario.module(name, may_be_lost=int(name == "legs"), comes_back=True)
@@ -99,7 +101,9 @@ def retries(task: Task) -> None:
 
 
 def watched() -> Scenario:
-    """Wiretaps, a monitor, a deadline with a retry, later kills, termination messages and timeouts."""
+    """Return a scenario with wiretaps, a monitor, a deadline with a retry, later kills, termination
+    messages and timeouts.
+    """
     scenario = Scenario("watched")
     planner, feet = (
         scenario.module("planner"),
@@ -166,19 +170,21 @@ def play(scenario: Scenario, path: Path) -> Play:
 def successors(
     path: Path, played: Callable[[], Play], detail: Detail, views: dict[bytes, object]
 ) -> Iterator[tuple[Path, Play, bytes]]:
-    """The successors of a play, each with its state. Properties must see equal states as equal."""
+    """Yield the successors of a play, each with its state. Check that properties see equal states
+    as equal.
+    """
     for action in played().actions():
         after = played()
         after.perform(action)
         key, order = fingerprint_of(after, (), detail)
-        after.world.forget()  # as before the next action
+        after.world.forget()  # the next action would do the same first
         view = seen_in(World(after.world, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path
         yield (*path, action), after, key
 
 
 def seen_in(world: World) -> object:
-    """Everything that a property can see, with names for ids."""
+    """Return everything that a property can see, with names for ids."""
     names: list[Name] = []
 
     def name(one: Name) -> int:
@@ -270,7 +276,9 @@ def test_explored_world_matches_central(name: str) -> None:
 def two_users(
     one: Callable[[Script], object], *, capacity: int = 1
 ) -> tuple[Scenario, Action, Action]:
-    """Two independent users that send a step and a note, with the first action of each."""
+    """Return a scenario with two independent users that send a step and a note. Also return the
+    first action of each.
+    """
     scenario = Scenario("two")
     feet = scenario.module("legs", capacity=capacity)
     feet.handles(STEP)(lambda _: None)

@@ -1,4 +1,6 @@
-"""The answer "good" holds for every run, whatever the properties look at. Vacuous ones are named."""
+"""The answer "good" holds for every run, whatever the properties inspect. Vacuous properties are
+named.
+"""
 
 from typing import Any
 
@@ -43,7 +45,7 @@ GAUGE = PollingMonitor("gauge", condition=IS_LOW)
 
 
 def tea(*properties: tca.Property, order: tuple[str, str] = ("fast", "slow")) -> tca.Scenario:
-    """Heating takes 1 s or 3 s; pouring starts 3 s later."""
+    """Return a scenario: heating takes 1 s or 3 s, and pouring starts 3 s later."""
     scenario = tca.Scenario("tea", *properties)
     scenario.module("kettle", capacity=2).handles(STEP)(lambda _: None)
 
@@ -77,7 +79,9 @@ def test_property_of_time_is_judged_at_each_time(order: tuple[str, str]) -> None
 
 
 def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
-    """A battery is polled every second for ever; each poll is a step of its handler."""
+    """Return a scenario: a battery is polled every second for ever. Each poll is a step of the
+    handler.
+    """
     scenario = tca.Scenario("polled", *properties)
     scenario.module("battery", capacity=readers).handles(IS_LOW)(lambda _: False)
 
@@ -115,7 +119,7 @@ def test_within_reports_elapsed_time() -> None:
 
 
 def test_within_measures_time_that_passes_in_the_same_action() -> None:
-    """The pouring starts at 3 s + 3 s, as time passes."""
+    """The pouring starts 3 s after the heating, in the same action in which time passes."""
     assert_good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
     counterexample(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
 
@@ -233,7 +237,7 @@ def test_vacuous_property_is_named() -> None:
 
 
 def test_property_met_at_once_is_not_vacuous() -> None:
-    """Even where the second event only follows the first."""
+    """The rule also holds where the second event of *before* comes only after the first."""
     assert not tca.explore(
         walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))
     ).vacuous
@@ -246,7 +250,7 @@ WATCHED = Detail(names=True)
 
 
 def required_actions(play: Play) -> set[tuple[str, str]]:
-    """The possible actions that must happen some time."""
+    """Return the possible actions that must happen some time."""
     return {(action.kind, action.name) for action in play.actions() if not action.is_optional}
 
 
@@ -270,7 +274,7 @@ def fair_circle(result: tca.Result) -> tuple[Action, ...]:
 
 
 def beside_polling(walk: Any, *properties: tca.Property, readers: int = 1) -> tca.Scenario:
-    """A battery is polled every second for ever, beside a walk."""
+    """Return a scenario: a battery is polled every second for ever, beside a walk."""
     scenario = polled(*properties, readers=readers)
     scenario.module("planner").handles(WALK)(walk)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -306,7 +310,9 @@ def test_fair_run_beside_endless_activity_is_good() -> None:
 
 
 def ping(note: Any, *properties: tca.Property) -> tca.Scenario:
-    """A note that its handler may send again, and a step on the same legs."""
+    """Return a scenario with a note that its handler may send again, and with a step on the same
+    legs.
+    """
     scenario = tca.Scenario("ping", *properties)
     legs = scenario.module("legs")
     legs.handles(NOTE)(note)
@@ -331,7 +337,7 @@ def test_queued_command_gets_its_turn() -> None:
 
 
 def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
-    """Two queries alternate on the legs, and each may overtake a step."""
+    """Return a scenario: two queries alternate on the legs, and each may overtake a step."""
     scenario = tca.Scenario("starving", *properties)
     legs, ear = scenario.module("legs"), scenario.module("ear")
     legs.handles(STEP)(lambda _: None)
@@ -351,7 +357,7 @@ def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
 
 
 def test_no_slot_starves_in_fair_run() -> None:
-    """The battery is polled in the slot that the step does not use; both slots must advance."""
+    """The battery is polled in one slot, and the step uses the other. Both slots must advance."""
     scenario = tca.Scenario("two slots", never_stuck(), eventually(achieved(STEP)))
     legs = scenario.module("legs", capacity=2)
     legs.handles(IS_LOW)(lambda _: False)
@@ -363,7 +369,9 @@ def test_no_slot_starves_in_fair_run() -> None:
 
 @pytest.mark.soak
 def test_starved_command_is_found() -> None:
-    """Every other action has its turn, so the run is fair. With equal priorities all have turns."""
+    """The run is fair, because every other action has its turn. With equal priorities the command
+    has its turn, too.
+    """
     result = tca.explore(starving(1, never_stuck()))
     assert result.violation is not None, tca.report(result)
     assert "waiting throughout:\n     step {" in tca.report(result)
@@ -386,7 +394,7 @@ def test_choice_may_be_repeated_for_ever() -> None:
 
 
 def has_ended(world: tca.World) -> list[tca.Seen]:
-    """The last note was handled without another."""
+    """Return the last note, if it was handled and sent no other."""
     notes = [seen for seen in world.messages if seen.message == NOTE.name]
     return [seen for seen in notes if seen.is_over and len(notes) == 1]
 
@@ -403,7 +411,7 @@ def test_fair_circle_polls_both_gauges() -> None:
 
 @pytest.mark.soak
 def test_fair_circle_includes_both_independent_pairs() -> None:
-    """A circle of one pair alone would be unfair, and is not shown."""
+    """A circle of one pair alone would be unfair, so it is not shown."""
     scenario = tca.Scenario("ball", eventually(achieved(WALK)))
     for name in ("here", "there"):
         ball: Any = type(NOTE)(f"ball {name}")
@@ -415,7 +423,7 @@ def test_fair_circle_includes_both_independent_pairs() -> None:
 
 
 def test_optional_action_may_be_omitted_for_ever() -> None:
-    """A module that may be lost need not be lost."""
+    """A run in which the module is never lost is fair, though the module may be lost."""
     scenario = polled(eventually(lambda world: "battery" not in world.modules))
     scenario.modules["battery"].may_be_lost = 1
     circle = fair_circle(tca.explore(scenario))
@@ -423,7 +431,7 @@ def test_optional_action_may_be_omitted_for_ever() -> None:
 
 
 def test_intermittent_action_may_be_omitted_for_ever() -> None:
-    """A step always ends before its deadline, so time need not pass."""
+    """A step always ends before its deadline, so a run in which no time passes is fair."""
     scenario = tca.Scenario("in time", eventually(begun(LIFT)))
 
     @scenario.module("ear").handles(NOTE)
@@ -442,7 +450,7 @@ def test_intermittent_action_may_be_omitted_for_ever() -> None:
 
 @pytest.mark.soak
 def test_goal_with_endless_subtask_is_not_stuck() -> None:
-    """Only its subtask continues, or is stuck."""
+    """The goal waits for its subtask. Only the subtask could be stuck."""
     assert assert_good(beside_polling(starts_monitor, never_stuck())).longest is None
 
 
@@ -460,7 +468,7 @@ def test_stuck_subtask_is_named_instead_of_its_goal() -> None:
 
 
 def test_at_most_counts_end_before_start_in_one_action() -> None:
-    """As in ``tca check``: legs with one slot start one step at a time."""
+    """The count is that of ``tca check``: legs with one slot start one step at a time."""
     one_at_a_time = at_most(1, begun(STEP)), at_most(1, handled(STEP))
     assert_good(walking(*one_at_a_time, steps=3))
     counterexample(walking(at_most(0, begun(STEP))))

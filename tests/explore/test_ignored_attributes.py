@@ -1,4 +1,4 @@
-"""The fingerprint of a state ignores attributes by their names: each name must exist."""
+"""The fingerprint of a state ignores attributes by their names. Each of these names must exist."""
 
 from collections.abc import Iterator
 

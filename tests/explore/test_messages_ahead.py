@@ -1,5 +1,5 @@
-"""Prefetched messages in every order of events: recalled messages are not started, and every
-outcome is possible without prefetching.
+"""Prefetched messages in every order of events. Recalled messages are not started, and every
+outcome is also possible without prefetching.
 """
 
 from collections.abc import Callable
@@ -26,8 +26,8 @@ Make = Callable[[int | None], Street]
 
 
 def explore_with_prefetch(make: Make) -> tca.Result:
-    """Explore with two prefetched messages. An outcome that is impossible without prefetching is a
-    violation.
+    """Explore with two prefetched messages. Report an outcome that is impossible without
+    prefetching as a violation.
     """
     without = assert_good(make(0).scenario, never_stuck())
     result = tca.explore(make(2).scenario, never_stuck(), check=check_invariants)

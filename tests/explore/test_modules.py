@@ -44,7 +44,7 @@ from tca_tools.explore import (
 from tca_wire.messages.declarations import Command
 
 POSITION: Variable[int] = Variable("position", int)
-ANY: Any = 0.5  # of a wrong type
+ANY: Any = 0.5  # a value of a wrong type
 TEXT: Any = "5"
 
 
@@ -52,7 +52,7 @@ TEXT: Any = "5"
 
 
 def test_newest_value_of_watched_variable_is_handled() -> None:
-    """The newest value is queued and displaces the older ones."""
+    """The newest value is queued, and displaces the older values."""
     scenario = tca.Scenario(
         "watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3))
     )
@@ -101,7 +101,7 @@ def test_displaced_command_is_killed() -> None:
 
 
 def tapping(*properties: Any, **options: Any) -> tca.Scenario:
-    """A watcher taps each step, and starts before any other module."""
+    """Return a scenario: a watcher taps each step, and starts before any other module."""
     scenario = tca.Scenario("tapping", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     watcher = scenario.module("watcher", **options)
@@ -121,7 +121,7 @@ def test_at_start_is_done_before_the_run() -> None:
 
 @pytest.mark.soak
 def test_at_start_is_done_when_module_arrives_late() -> None:
-    """The step may start before the tap; a fired tap was added before."""
+    """The step may start before the tap is added. A tap that has fired was added in time."""
     counterexample(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
     assert_good(
         tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000
@@ -161,7 +161,7 @@ def test_error_in_at_start_is_scenario_error() -> None:
 
 @pytest.mark.soak
 def test_error_in_script_ends_only_that_script() -> None:
-    """The module handles nothing."""
+    """The module with the error handles nothing, so the walk is not affected."""
     scenario = walking(never_stuck())
 
     @scenario.module("slipper").does
@@ -395,7 +395,7 @@ def test_script_that_counts_its_runs_is_refused(changes: str) -> None:
 WAKE, STEPS = Goal("wake"), Goal("steps")
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
-WRONG: Any = ("step", None, 5, STEP)  # wrong types
+WRONG: Any = ("step", None, 5, STEP)  # values of wrong types
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""A monitor never holds the end of the task that it watches over, except with *waited_for*."""
+"""A monitor never holds the end of the task that it watches over, unless the monitor is *waited
+for*.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +28,7 @@ MOVE = Command("move")
 
 
 def stepping(step: Callable[[Task], object] = nothing, *, is_low: bool = False) -> tca.Scenario:
-    """A step, and a battery that is low or not."""
+    """Return a scenario with a step, and with a battery that is low or not."""
     scenario = tca.Scenario("a step that is watched")
     scenario.module("legs").handles(STEP)(step)
     scenario.module("body").handles(IS_LOW)(lambda _: is_low)
@@ -35,7 +37,7 @@ def stepping(step: Callable[[Task], object] = nothing, *, is_low: bool = False) 
 
 
 def starting(monitor: PollingMonitor[None], **options: Any) -> Callable[[Task], None]:
-    """A handler of a step that starts a monitor."""
+    """Return a handler of a step, which starts a monitor."""
 
     def step(task: Task) -> None:
         task.monitor(monitor, **options)

@@ -1,5 +1,5 @@
-"""Clients and handlers change the state of a task in every order. Each state of each scenario
-checks the observer: it misses no change, and its state and goal agree with the facts of central.
+"""Clients and handlers change the state of a task in every order. The observer is checked in each
+state of each scenario. It misses no change, and its state and goal agree with the facts of central.
 """
 
 from typing import Any
@@ -42,7 +42,7 @@ TIDY, PUT, USED = Goal("tidy", int), Command("put", int), Inform("used", int)
 
 
 def ended(state: str, goal: int | None = None) -> Any:
-    """A predicate for an ended grasp with that state and goal."""
+    """Return a predicate for an ended grasp with *state* and *goal*."""
 
     def predicate(world: World) -> list[Seen]:
         tasks = [task for task in world.tasks if task.message == "grasp" and task.is_over]
@@ -52,7 +52,9 @@ def ended(state: str, goal: int | None = None) -> Any:
 
 
 def used_another_goal(world: World) -> bool:
-    """The handler has ended with another goal than its task, without a kill or restart."""
+    """Whether the handler has ended with a goal other than its task's. Kills and restarts do not
+    count.
+    """
     used = [one.data for one in world.messages if one.message == "used" and one.is_new]
     tasks = [
         task
@@ -63,7 +65,7 @@ def used_another_goal(world: World) -> bool:
 
 
 def try_transition(sent: Any, me: Script, name: str, data: Any = None) -> None:
-    """Request a transition of a client, if it is possible."""
+    """Request a transition as a client, if it is possible."""
     try:
         sent.take(name, data)
     except Refused:
@@ -71,7 +73,9 @@ def try_transition(sent: Any, me: Script, name: str, data: Any = None) -> None:
 
 
 def grasping(*, updates: int = 1, **options: Any) -> Scenario:
-    """A client updates and cancels a grasp; the handler looks for requests once before its end."""
+    """Return a scenario: a client updates and cancels a grasp. The handler looks for requests once
+    more before its end.
+    """
     ends = eventually(lambda world: ended("done")(world) or ended("cancelled")(world))
     scenario = Scenario("grasping", never_stuck(), never(used_another_goal), ends)
     scenario.observe()
@@ -144,7 +148,9 @@ def test_handler_without_takes_is_restarted_or_killed() -> None:
 
 
 def test_cancel_before_acceptance_may_be_rejected() -> None:
-    """The rejection makes the task run, so the handler need not know which came first."""
+    """The rejection makes the task run. So the handler need not know whether the cancel came before
+    the acceptance.
+    """
     scenario = Scenario("early", never_stuck(), never(ended("cancelled")))
     scenario.observe()
     arm, user = scenario.module("arm"), scenario.module("user")
@@ -190,7 +196,7 @@ def test_unanswered_request_is_decided_by_default_at_return() -> None:
 
     @hand.handles(PUT)
     def put(task: Task, _: int) -> None:
-        task.wait_for_request()  # until it is killed
+        task.wait_for_request()  # until the task is killed
 
     assert_good(scenario)
 
@@ -222,7 +228,9 @@ def test_custom_transitions_of_two_clients_hold_in_every_order() -> None:
 
 
 def crowded(users: int, policy: WhenBusy, takes: list[str]) -> Scenario:
-    """Several users send grasps to one arm with a policy for that."""
+    """Return a scenario: several users send grasps to one arm. *policy* says what a busy arm does
+    with another grasp.
+    """
     scenario = Scenario(f"an arm that is to {policy}", never_stuck(), at_most(1, handled(GRASP)))
     scenario.observe()
 

@@ -26,7 +26,7 @@ THERE = Inform("there")
 
 
 def carry_out(task: tca.Task, owed: LaterReply[Any], order: str) -> None:
-    """Use an owed reply as the sensor orders."""
+    """Use an owed reply as *order*, the sensor's order, says."""
     request = owed.request if order == "accept" else None
     if order == "reply" or (order == "obey" and not owed.cancelled):
         owed.reply(1)
@@ -39,7 +39,9 @@ def carry_out(task: tca.Task, owed: LaterReply[Any], order: str) -> None:
 def owed_scenario(
     order: str, *properties: tca.Property, keeps: bool = True, **legs: Any
 ) -> tca.Scenario:
-    """Legs leave the reply of a step to their sensor; then they take another step."""
+    """Return a scenario: legs leave the reply of a step to their sensor, and then take another
+    step.
+    """
     scenario = tca.Scenario(
         f"{order} later", never_stuck(), eventually(has_ended(STEP, False)), *properties
     )

@@ -50,7 +50,7 @@ def test_unconstrained_step_may_start_first() -> None:
 
 
 def constrained(*properties: Any) -> tca.Scenario:
-    """A scenario with each constraint flag once."""
+    """Return a scenario with each constraint flag once."""
     scenario = tca.Scenario("constrained", *properties)
     planner = scenario.module("planner", capacity=2)
 
@@ -107,7 +107,9 @@ def test_plan_first_goal_is_planned_before_its_steps() -> None:
 
 
 def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> tca.Scenario:
-    """Three independent users (two without *notes*) use the legs at the same time."""
+    """Return a scenario: three independent users (two without *notes*) use the legs at the same
+    time.
+    """
     scenario = tca.Scenario("a crowd", *properties)
     feet = scenario.module("legs", capacity=capacity, **legs)
 
@@ -218,8 +220,8 @@ GRIP = Command("grip")
 
 
 def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario:
-    """Two handlers that lock both of two resources: one in the order legs, arm, the other in the
-    given order.
+    """Return a scenario with two handlers that each lock two resources. One handler locks the legs,
+    then the arm. The other locks *first*, then *second*.
     """
     scenario = tca.Scenario("two arms", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -264,8 +266,8 @@ def test_property_sees_lock_holders() -> None:
 
 
 def reserved() -> tca.Result:
-    """The planner reserves the legs for its own steps during its walk. No step of the user may
-    start in between.
+    """Explore a scenario: the planner reserves the legs for its own steps during its walk. No step
+    of the user may start in between.
     """
     scenario = tca.Scenario("reserved", never_stuck())
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -296,7 +298,7 @@ def test_central_that_ignores_reservation_is_found(monkeypatch: pytest.MonkeyPat
 
 
 def test_lock_of_module_that_may_be_lost_is_valid() -> None:
-    """A lost module is no error of the scenario."""
+    """The lock of a lost module is not an error of the scenario."""
     scenario = tca.Scenario("a lost base", never_stuck())
     scenario.module("legs", may_be_lost=1).handles(STEP)(lambda _: None)
 
@@ -315,7 +317,7 @@ def test_property_that_raises_is_scenario_error() -> None:
 
 
 def unlocked(*properties: tca.Property) -> tca.Result:
-    """An operator unlocks the legs, whether the planner holds the lock or not."""
+    """Explore a scenario: an operator unlocks the legs, with or without a lock of the planner."""
     scenario = tca.Scenario("an operator unlocks", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
 

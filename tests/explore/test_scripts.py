@@ -1,4 +1,4 @@
-"""Scripts: their calls, their choices, and the errors of unplayable ones."""
+"""Scripts: their calls, their choices, and the errors of scripts that cannot be played."""
 
 import contextlib
 import signal
@@ -48,8 +48,8 @@ from tca_wire.vocabulary import Refusal
 def scenario_of(
     handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]
 ) -> tca.Scenario:
-    """A user that sends a walk, a planner with the given handler, and a module that handles the
-    rest.
+    """Return a scenario: a user sends a walk, *handler* handles it, and one module handles all
+    other messages.
     """
     scenario = tca.Scenario("one", *properties)
     scenario.module("planner").handles(WALK)(handler)
@@ -160,7 +160,7 @@ def send_under_ended_task(task: tca.Task) -> SentTask[Any]:
 
 @pytest.mark.parametrize("ending", ["returns", "goes on", "orders", "waits"])
 def test_handler_that_ignores_refused_send_fails(ending: str) -> None:
-    """The handler uses the refused task, sends another one, or returns. Its later sends have no
+    """The handler uses the refused task, sends another task, or returns. Its later sends have no
     effect.
     """
 
@@ -231,7 +231,9 @@ def test_unplayable_script_is_named(handler: Any, words: str) -> None:
 def test_script_that_catches_base_exception_for_ever_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The script catches even the exception that ends a run, so no limit would stop it."""
+    """The script even catches the exception that ends a run. Without a special rule, no limit would
+    stop the script.
+    """
 
     def walk(task: tca.Task) -> object:
         while True:
@@ -277,7 +279,7 @@ def test_script_may_catch_base_exception_a_few_times() -> None:
 
 
 def test_interrupted_exploration_ends_its_threads() -> None:
-    """Ctrl-C ends the search in its thread, too."""
+    """Ctrl-C ends the search and the threads that the search started."""
     began = set(threading.enumerate())
 
     def watch(states: int, _: int) -> None:
@@ -362,12 +364,14 @@ def walk_is_killed(world: tca.World) -> object:
 
 
 def returned(world: tca.World) -> object:
-    """The handler of a killed walk has returned. Its subtasks may last for ever."""
+    """Return the killed walks whose handler has returned. Their subtasks may last for ever."""
     return [walk for walk in messages_with(world, WALK, "is_killed") if not walk.is_handled]
 
 
 def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any) -> tca.Scenario:
-    """A walk that waits and may be killed; no other event ends its wait."""
+    """Return a scenario with a walk that waits. The walk may be killed; no other event ends its
+    wait.
+    """
     scenario = tca.Scenario("asking", *properties)
     scenario.module("planner", **planner).handles(WALK)(handler)
     others = scenario.module("others", capacity=3)
@@ -436,7 +440,7 @@ def gone(world: tca.World) -> bool:
 @pytest.mark.soak
 @pytest.mark.parametrize("wait_name", soak_all_but("lock"))
 def test_waiting_handler_is_woken_when_its_module_leaves(wait_name: str) -> None:
-    """The wait raises Stopped, as on the robot: the walk fails, and the module can leave."""
+    """The wait raises Stopped, as on the robot. The walk fails, and the module can leave."""
     seen = set()
 
     def asks(task: tca.Task) -> None:

@@ -117,7 +117,7 @@ def is_handled_twice(world: tca.World) -> list[tca.Seen]:
 
 
 def test_recovery_ladder_always_ends() -> None:
-    """Retry, replan, give up: at most two attempts each, and all waits end."""
+    """The ladder is retry, replan, give up. Each level tries twice at most, and all waits end."""
     bounds = (
         at_most_in_all(2, retried(STEP)),
         at_most_in_all(1, retried(WALK)),
@@ -130,7 +130,7 @@ def test_recovery_ladder_always_ends() -> None:
 
 
 def sent_or_retried(world: tca.World) -> list[tca.Seen]:
-    """Steps that the last action sent or retried."""
+    """Return the steps that the last action sent or retried."""
     return [
         seen
         for seen in world.tasks
@@ -158,7 +158,7 @@ def test_counterexample_shows_each_recovery_action() -> None:
 
 
 def retried_while_running(*properties: Any) -> tca.Scenario:
-    """A user retries a step with a running handler."""
+    """Return a scenario: a user retries a step whose handler runs."""
     scenario = tca.Scenario("retried while it runs", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
 
@@ -199,7 +199,9 @@ def test_failure_raised_from_outside_leaves_nothing_stuck() -> None:
 
 
 def test_suspended_subtree_starts_nothing() -> None:
-    """Every scenario checks that no suspended task is delivered; this one suspends a task."""
+    """Every scenario checks that no suspended task is delivered. In this scenario a task is
+    suspended.
+    """
     result = assert_good(
         scenarios.suspending(),
         never(starts_suspended),
@@ -310,7 +312,7 @@ def test_wait_with_timeout_may_time_out() -> None:
 
 
 def parting(*properties: Any) -> tca.Scenario:
-    """A walk that is killed some time after its planning, with a termination message."""
+    """Return a scenario: a walk with a termination message is killed a while after its planning."""
     scenario = tca.Scenario("parting", *properties)
 
     @scenario.module("planner").handles(WALK)

@@ -27,7 +27,9 @@ def note(_: tca.Task, __: int) -> None: ...
 
 
 class Street:
-    """A slot of "legs" with prefetched messages, a user that sends them, and others that overtake."""
+    """A slot of "legs" with prefetched messages. A user sends the messages, and later events
+    overtake them.
+    """
 
     def __init__(self, title: str, prefetch: int | None, *, act: Act = note, **legs: Any) -> None:
         self.scenario = tca.Scenario(title)
@@ -262,9 +264,9 @@ LARGE = [
     listened,
     given_up_and_leaving,
 ]
-"""Scenarios whose outcomes with prefetching are possible without it, too."""
+"""Scenarios in which each outcome with prefetching is also possible without prefetching."""
 
 UNLIKE = [lost, lock_given_up, locked_from_both]
-"""Scenarios with further outcomes. A lost module loses its prefetched messages. A lock with a
-timeout may end before a slot returns its prefetched messages.
+"""Scenarios that have more outcomes with prefetching than without. A lost module loses its
+prefetched messages. A lock with a timeout may end before a slot returns its prefetched messages.
 """

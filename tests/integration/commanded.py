@@ -1,5 +1,5 @@
-"""Messages of the robot on which the tests try commands of the command line, and a runner for
-commands.
+"""Messages of a robot on which the tests try commands of the command line, and a function that runs
+such commands.
 """
 
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ FELL = Failure("fell", int)
 
 
 def tca(command: click.Command, *words: str, given: str = "") -> tuple[int, str, str]:
-    """Exit code, output and errors."""
+    """Run a command. Return its exit code, output and errors."""
     result = CliRunner().invoke(command, words, input=given)
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     return (

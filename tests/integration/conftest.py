@@ -30,7 +30,7 @@ def user(address: str) -> Iterator[Client]:
 
 @pytest.fixture
 def robot(address: str) -> Iterator[list[str]]:
-    """Run a robot; the list receives each inform and broadcast that it handled."""
+    """Run a robot. The yielded list receives each inform and broadcast that the robot handles."""
     robot, other, heard = Module("robot", address), Module("other", address), list[str]()
 
     @robot.handles(WALK)
@@ -52,6 +52,8 @@ def robot(address: str) -> Iterator[list[str]]:
 
 @pytest.fixture
 def find_central(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Point commands run in this process at the central, with a longer patience for a busy machine."""
+    """Make commands in this process find the central, and wait longer for answers on a busy
+    machine.
+    """
     monkeypatch.setenv("TCA_CENTRAL", address)
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 20.0)

@@ -16,7 +16,7 @@ SOON = 60.0
 
 
 class Terminal:
-    """A command and its terminal; *unread* is output that no call has matched yet."""
+    """A command and its terminal. ``unread`` is the output that no call has matched yet."""
 
     def __init__(self, command: Sequence[str], **environment: str) -> None:
         self.master, slave = pty.openpty()
@@ -35,8 +35,8 @@ class Terminal:
         )
 
     def shows(self, pattern: str) -> str:
-        """Wait until *pattern* appears in the output. Returns the match and drops the output before
-        it.
+        """Wait until *pattern* appears in the output, and return the match. Drop the output up to
+        its end.
         """
         end = time.monotonic() + SOON
         while not (found := re.search(pattern, self.unread)):
@@ -61,7 +61,9 @@ class Terminal:
         os.close(null)
 
     def ends(self) -> int:
-        """Wait for the exit code, and check that the terminal settings are restored."""
+        """Wait for the end of the command, and return its exit code. Check that the terminal
+        settings are restored.
+        """
         end = time.monotonic() + SOON
         while self.process.poll() is None and time.monotonic() < end:
             if select.select([self.master], [], [], 0.1)[0]:

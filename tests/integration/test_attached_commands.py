@@ -170,7 +170,7 @@ guard.run()
 
 
 def attachments(kind: str) -> dict[str, dict[str, Any]]:
-    """All attachments of a kind, by the name of the listener or handler."""
+    """Return all attachments of a kind, by the name of the listener or handler."""
     name = {"exception_handlers": "handler", "wiretaps": "listener", "monitors": "monitor"}[kind]
     return {one[name]: one for one in json.loads(tca(attached, "--json")[1])[kind]}
 
@@ -231,7 +231,7 @@ def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Clie
     second.at_start(lambda _: early.extend(stale_names()))
     second.at_start(lambda guard: guard.on_failure(FELL, FIX, of=WALK))
     with second.running():
-        assert early == []  # it may still attach more
+        assert early == []  # the second module may still attach more
         known = json.loads(tca(attached, "--json")[1])
         found = [
             (one["task"], one["message"], one["is_stale"]) for one in known["exception_handlers"]
@@ -260,7 +260,7 @@ def test_attachment_shared_with_another_module_is_not_stale(address: str, user: 
         guard.on_failure(FELL, FIX, of=WALK)
         guard.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
         assert stale_names() == []
-        with Module("guard", address).running() as third:  # a copy attaches the same and leaves
+        with Module("guard", address).running() as third:  # attaches the same, and leaves
             third.on_failure(FELL, FIX, of=WALK)
             third.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
             third.tap(Condition.BEFORE_HANDLING, MOVE, LATER)

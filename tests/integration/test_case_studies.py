@@ -18,7 +18,7 @@ from tca_module.testing import LocalCentral
 LAST = Command("last")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 Step = tuple[str, int, str, str]
-"""Message, number of its task, transition, and module that took it."""
+"""A message, the number of its task, the transition, and the module that made the transition."""
 
 
 PlayExample = Callable[[str], list[Step]]
@@ -26,7 +26,7 @@ PlayExample = Callable[[str], list[Step]]
 
 @pytest.fixture
 def play_example(monkeypatch: pytest.MonkeyPatch) -> PlayExample:
-    """Run an example; return all task transitions in central's order."""
+    """Return a function that runs an example and returns its transitions in central's order."""
 
     def play(name: str) -> list[Step]:
         with LocalCentral() as central, connect("active memory", central) as memory:
@@ -62,7 +62,7 @@ def number_tasks(changes: list[Change]) -> list[Step]:
 
 
 def transitions_of(story: list[Step], message: str, number: int = 1) -> list[str]:
-    """The transitions of one task: "transition by module"."""
+    """Return the transitions of one task as texts: "transition by module"."""
     return [
         f"{name} by {module}".removesuffix(" by ")
         for one, nth, name, module in story

@@ -155,7 +155,7 @@ StartRefused = Callable[..., str]
 
 @pytest.fixture
 def start_refused(monkeypatch: pytest.MonkeyPatch) -> StartRefused:
-    """Try to start a central with some options; return the error text."""
+    """Return a function that tries to start a central with options, and returns the error text."""
     monkeypatch.setattr(Daemon, "serve", lambda _: pytest.fail("it has started"))
 
     def start(*options: str) -> str:
@@ -214,7 +214,7 @@ def test_start_error_explains_invalid_option(
 
 
 def test_fresh_run_starts_in_folder_of_crashed_run(tmp_path: Path) -> None:
-    """Each run has its own segments in the folder. The earlier run only gains the record of its
+    """Each run has its own segments in the folder. The earlier run gains only the record of its
     end.
     """
     with central(tmp_path) as first:

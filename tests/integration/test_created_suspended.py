@@ -1,5 +1,5 @@
-"""Two commands are created and then ordered, the newer one first, while their handlers are idle in
-another process.
+"""Two commands are created and then ordered, the newer one first. Their handlers are idle
+meanwhile, in another process.
 """
 
 from contextlib import suppress
@@ -35,7 +35,7 @@ def test_constraint_between_suspended_tasks_is_never_too_late(tmp_path: Path) ->
             first, second = (
                 task.command(STEP, one, sequential=False, suspended=suspended) for one in ("a", "b")
             )
-            with suppress(Refused):  # it has started
+            with suppress(Refused):  # the first command has started
                 task.constrain(second.achieving.end <= first.achieving.start)
             if suspended:
                 first.resume()

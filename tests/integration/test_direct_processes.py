@@ -55,7 +55,7 @@ def begin_slow_query(user: Client, module: Process) -> PendingReply[float]:
 
 
 def test_direct_query_fails_when_its_handler_module_is_killed(tmp_path: Path) -> None:
-    """The query fails as it would through central. The next query waits for the next handler."""
+    """The query fails like a query through central. The next query waits for the next handler."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         with program(MAP, daemon.address) as module:
             module.hear("runs")
@@ -78,15 +78,15 @@ def test_direct_query_fails_when_its_handler_module_is_killed(tmp_path: Path) ->
 
 
 def test_direct_informs_to_a_killed_module_are_reported_lost(tmp_path: Path) -> None:
-    """The sender reports the number of possibly unhandled informs to central, in its log, and when
-    it leaves.
+    """The sender counts the informs that may be unhandled. It reports this number to central, in
+    its log, and when it leaves.
     """
     with central(tmp_path) as daemon, program(MAP, daemon.address) as module:
         user = connect("user", daemon.address, linger=SOON)
         module.hear("runs")
         ask_until_direct(daemon, user)
         user.inform(POSE, 0.0)  # goes through central, which sends the route
-        user.status()  # once it answers, the user has the route
+        user.status()  # once central answers, the user has the route
         begin_slow_query(user, module)
         for number in range(300):
             user.inform(POSE, float(number))

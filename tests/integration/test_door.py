@@ -1,4 +1,4 @@
-"""Too many connections: central rejects newcomers in time, logs it, and keeps running."""
+"""Too many connections. Central rejects newcomers in time, logs each rejection, and keeps on."""
 
 import resource
 import socket
@@ -95,7 +95,7 @@ def idle_connections(
 
 
 def wait_for_log(daemon: Central, words: str) -> str:
-    """Wait for a log line with some words."""
+    """Wait for a log line that contains *words*."""
     while words not in (line := daemon.process.stderr.readline()):
         assert line, f"central ended without logging: {words}"
     return line

@@ -195,7 +195,9 @@ QUICK = """
 
 
 def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
-    """Replies, or failures, of queries sent together. A second module starts while they wait."""
+    """Send queries together, and return their replies or failures. A second module starts while
+    they wait.
+    """
     pending = [user.query_send(DOUBLE, number) for number in numbers]
     found: list[int | str] = []
     with program(QUICK, address):

@@ -12,7 +12,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 _TEXT = Path(__file__).with_name("printed.txt").read_text()
 PRINTED = {name: text for name, _, text in (one.partition("\n") for one in _TEXT.split("== ")[1:])}
-"""The start of each example's output; each text after ``...`` occurs somewhere in it."""
+"""The start of each example's output. Each text after ``...`` occurs somewhere in the output."""
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

@@ -1,5 +1,5 @@
-"""Central is killed and restarted while clients follow, observe, update and cancel a task: they
-notice nothing.
+"""Central is killed and restarted while clients follow, observe, update and cancel a task. The
+clients notice nothing.
 """
 
 from collections.abc import Iterator

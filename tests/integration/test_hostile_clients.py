@@ -1,4 +1,4 @@
-"""Raw bytes sent to a real central: it keeps serving others, and its log stays readable."""
+"""Raw bytes sent to a real central. Central keeps serving others, and its log stays readable."""
 
 import json
 import socket
@@ -46,7 +46,7 @@ _READY = b"\x04\x29\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"
 
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
-    """One central for all tests: each attack must leave it as it was."""
+    """Run one central for all tests. Each attack must leave the central unchanged."""
     with central(tmp_path_factory.mktemp("attacked"), bind="tcp://127.0.0.1:*") as running:
         running.address = running.first_line.rpartition(" ")[2]
         yield running
@@ -61,7 +61,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
 
 @pytest.fixture
 def friend(daemon: Central) -> Iterator[Client]:
-    """A normal client, which checks central before and after each attack."""
+    """Connect a normal client, which checks central before and after each attack."""
     with connect("friend", daemon.address) as client:
         client.status()
         yield client
@@ -80,7 +80,7 @@ class RawConnection:
         self.socket.connect(address)
 
     def ask(self, *frames: bytes) -> list[Any]:
-        """Send frames; return the headers of the reply."""
+        """Send frames. Return the headers of the reply."""
         self.socket.send_multipart(frames)
         assert self.socket.poll(SOON), "no answer"
         return [header for header, _ in unpack_to_module(self.socket.recv())]
@@ -109,7 +109,7 @@ def rogue(daemon: Central, friend: Client) -> Iterator[RawConnection]:
 
 @contextmanager
 def raw_tcp(daemon: Central) -> Iterator[socket.socket]:
-    """A raw TCP connection."""
+    """Open a raw TCP connection."""
     with socket.create_connection(
         ("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20
     ) as line:
@@ -265,7 +265,7 @@ def test_half_open_connections_are_closed(daemon: Central, friend: Client) -> No
 
 
 def test_journal_after_attacks_is_readable_and_printable(daemon: Central, friend: Client) -> None:
-    """Also all that ``tca log show`` prints."""
+    """Everything that ``tca log show`` prints is printable, too."""
     output = tca("log", "show", str(daemon.journal), "--json")
     assert all(json.loads(line) for line in output.stdout.splitlines())
     shown = tca("log", "show", str(daemon.journal))

@@ -67,7 +67,7 @@ def test_long_journal_is_split_into_consecutive_segments(
 def test_journal_writer_does_not_wait_for_sync(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """This includes the start of another segment during a sync."""
+    """The writer even starts another segment during a sync."""
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     monkeypatch.setattr(JournalWriter, "longest", 100)
     sync_began, done, synced = threading.Event(), threading.Event(), []
@@ -227,8 +227,8 @@ def test_disk_is_nearly_full_when_free_bytes_and_share_are_low(
 
 
 def test_journal_folder_lock_waits_for_a_late_release(tmp_path: Path) -> None:
-    """A central that was killed while it took an image leaves a child, which holds the locks until
-    it closes.
+    """If central is killed while it takes an image, a child is left. The child holds the locks
+    until it closes them.
     """
     held = lock_folder(tmp_path)
     timer = threading.Timer(0.1, os.close, [held])

@@ -1,6 +1,6 @@
 """Access control: keys over TCP, and user ids from the kernel over Unix sockets.
 
-Nothing connects when keys can't be checked.
+Central accepts no connection whose key cannot be checked.
 """
 
 import os
@@ -55,7 +55,7 @@ def run_keys(*arguments: str, code: int = 0) -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of keys with one for 'arm' and one for 'user'."""
+    """Make a folder of keys with one for 'arm' and one for 'user'."""
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
     run_keys("new", "arm")
     run_keys("new", "user")
@@ -203,7 +203,7 @@ def test_revoked_key_loses_its_connection_at_once(
     assert keyed.facts(facts.KeysChanged) == [facts.KeysChanged([], ["arm"])]
     assert is_shut_out(arm.status)
     assert user.status()["modules"] == 1
-    # A new key of that name is accepted at once; the old connection stays refused.
+    # A new key with this name is accepted at once. The old connection stays refused.
     (folder / "arm.key").unlink()
     run_keys("new", "arm")
     with connect("new arm", keyed.address):
@@ -341,7 +341,7 @@ def test_direct_messages_are_encrypted_and_end_on_revocation(
         with (
             zmq.Context() as context,
             context.socket(zmq.DEALER) as stranger,
-        ):  # knows everything but the public key
+        ):  # the stranger knows everything but the public key
             stranger.linger = 0
             stranger.connect(path.entrance.endpoint)
             greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")

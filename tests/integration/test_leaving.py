@@ -1,4 +1,4 @@
-"""A leaving program waits until its messages have arrived, and reports unconfirmed ones with an
+"""A leaving program waits until its messages have arrived. It reports unconfirmed messages with an
 exit code.
 """
 
@@ -116,7 +116,7 @@ def stop_central_when_ready(running: Process, daemon: Central) -> None:
 
 
 def soak_only(*values: str) -> Any:
-    """A case for the soak only: another test covers its program."""
+    """Return a case for the soak only, because another test covers the program of this case."""
     return pytest.param(*values, marks=pytest.mark.soak)
 
 

@@ -55,7 +55,9 @@ EYES = """
     eyes.run()
 """
 MEMORY_LIMIT = 120 << 20
-"""Bytes of central's process. Python and its libraries take 40 MiB; the clients ask for 400 MiB."""
+"""The bytes that central's process may use. Python and its libraries take 40 MiB; the clients ask
+for 400 MiB.
+"""
 
 
 @pytest.fixture
@@ -65,7 +67,7 @@ def daemon(tmp_path: Path) -> Iterator[Central]:
 
 
 def peak(daemon: Central) -> int:
-    """The peak memory of central's process."""
+    """Return the peak memory of central's process."""
     lines = Path(f"/proc/{daemon.process.pid}/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) << 10
 
@@ -106,8 +108,8 @@ def test_client_that_reads_no_replies_does_not_slow_others(daemon: Central) -> N
 
 
 def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
-    """Names of waiting informs are forgotten once their declaring module has left. Dropped messages
-    are counted.
+    """Central forgets the names of waiting informs once the module that declared them has left.
+    Dropped messages are counted.
     """
     line: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     with central(tmp_path, "--no-inputs") as daemon, line:
@@ -141,7 +143,7 @@ def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
 
 @pytest.fixture
 def stepped_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
-    """A central whose turns the test takes itself, with in-process connections."""
+    """Yield a central whose turns the test takes itself, with in-process connections."""
     monkeypatch.setattr(shell, "BYTES_PER_TURN", 1000)
     server = Daemon(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
     server.socket.bind("inproc://turns")
@@ -229,8 +231,8 @@ print(flood.returncode)
 
 
 def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
-    """Its queue was full, so ZeroMQ had stopped reading, and aborted the process at its next
-    heartbeat.
+    """The client's queue was full, so ZeroMQ had stopped reading. At its next heartbeat, ZeroMQ
+    aborted the process.
     """
     command = [sys.executable, "-c", CENTRAL, f"ipc://{tmp_path}/central.sock", FLOOD]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -238,13 +240,15 @@ def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
 
 
 def test_tcp_connection_times_out_after_five_seconds() -> None:
-    """The kernel probes every second; this checks the options that it received."""
+    """The kernel probes every second. This test checks the options that the kernel received."""
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address):
         assert (5000, 1, 1) in socket_timeouts_at(int(central.address.rpartition(":")[2]))
 
 
 def socket_timeouts_at(port: int) -> list[tuple[int, ...]]:
-    """Timeout in ms, and seconds until and between probes, of this process's TCP sockets on a port."""
+    """Return options of this process's TCP sockets on a port: the timeout in ms, and the seconds
+    until and between probes.
+    """
     options = socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL
     found = []
     for file in Path("/proc/self/fd").iterdir():
@@ -289,7 +293,7 @@ TASKS = 2_000
 def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
     """Central is busy, and here also stopped, as on a slow machine.
 
-    A client without patience gets CentralLost; handlers continue, and no module is lost.
+    A client without patience gets CentralLost. Handlers continue, and no module is lost.
     """
     with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:
         digger.hear("ready")
@@ -316,7 +320,7 @@ def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
 
 
 def fill_tree(user: Client, walk: SentTask[None]) -> None:
-    """Send commands as ``command`` does, without waiting for each."""
+    """Send commands as ``command`` does, but wait for none of them."""
     connection = user._connection()
     connection.declare(STEP)
     for _ in range(TASKS):

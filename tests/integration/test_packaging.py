@@ -1,7 +1,7 @@
-"""The wheel and the source distribution that ``python -m build`` makes work in a fresh virtual
+"""The wheel and the source distribution, made by ``python -m build``, work in a fresh virtual
 environment.
 
-Their dependencies come from the environment of the tests, so nothing is downloaded.
+The dependencies come from the environment of the tests, so nothing is downloaded.
 """
 
 import os
@@ -49,7 +49,9 @@ def run(*command: object, cwd: Path, **environment: str) -> str:
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder with both distributions; the wheel is made of the sources in the other one."""
+    """Make both distributions, and return their folder. The wheel is made of the sources in the
+    source distribution.
+    """
     sources = tmp_path_factory.mktemp("sources")
     for name in ("setup.cfg", "setup.py", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, sources)
@@ -61,7 +63,7 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def python(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of an environment into which the wheel was installed."""
+    """Return the interpreter of an environment into which the wheel was installed."""
     environment = tmp_path_factory.mktemp("environment") / "fresh"
     run(sys.executable, "-m", "venv", "--without-pip", environment, cwd=dist)
     python = environment / "bin" / "python"
@@ -88,7 +90,7 @@ def python(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def files(package: str) -> set[str]:
-    """The files of a package here."""
+    """Return the files of a package in this checkout."""
     return {
         str(path.relative_to(ROOT))
         for path in (ROOT / package).rglob("*")
@@ -119,8 +121,8 @@ def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Pat
 
 @pytest.mark.slow
 def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: Path) -> None:
-    """``pip install .`` builds the wheel that is installed here; the other lines run as they are
-    printed.
+    """``pip install .`` builds the wheel that is installed here. The other lines run as the README
+    prints them.
     """
     tca, readme = python.with_name("tca"), (ROOT / "README.md").read_text()
     assert run(tca, "--version", cwd=tmp_path).startswith("tca, version ")
@@ -135,5 +137,7 @@ def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: P
 
 
 def rows_of(tree: str) -> list[str]:
-    """Each task of a drawn tree with its state, without times and column widths, which vary."""
+    """Return each task of a drawn tree with its state. Times and column widths are left out,
+    because they vary.
+    """
     return re.findall(r"^.*\{\d+\} +\w+", tree, re.MULTILINE)

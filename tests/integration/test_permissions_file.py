@@ -187,7 +187,7 @@ def test_sighup_makes_central_reload_permissions(tmp_path: Path, path: Path) -> 
 
 
 def test_sighup_ends_central_when_its_terminal_is_closed(tmp_path: Path) -> None:
-    """With a terminal, a hangup means the end rather than a reload."""
+    """If central has a terminal, a hangup means the end rather than a reload."""
     near, far = pty.openpty()
     command = [
         sys.executable,
@@ -206,5 +206,5 @@ def test_sighup_ends_central_when_its_terminal_is_closed(tmp_path: Path) -> None
         connect("user", f"ipc://{tmp_path}/central.sock").close()
         assert daemon.poll() is None
         os.close(near)
-        os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to processes of the terminal
+        os.kill(daemon.pid, signal.SIGHUP)  # as the kernel does to processes of a closed terminal
         assert daemon.wait(SOON) in (0, 120)  # 120: Python could not flush its output

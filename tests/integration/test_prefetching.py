@@ -1,4 +1,6 @@
-"""Prefetched messages over real sockets: each is handled once, in order, and never inside a lock."""
+"""Prefetched messages over real sockets. Each message is handled once, in order, and never inside a
+lock.
+"""
 
 import queue
 import threading
@@ -43,7 +45,9 @@ class Quick:
         self.most_prefetched = max(self.most_prefetched, len(task._connection().session.prefetched))
 
     def rest(self, task: Task) -> bool:
-        """Lock this handler's own resource. True if no prefetched message started inside the lock."""
+        """Lock this handler's own resource. Return whether no prefetched message started inside the
+        lock.
+        """
         before = len(self.heard)
         with task.lock("ear"):
             return len(self.heard) == before
@@ -192,7 +196,7 @@ def test_message_sent_by_prefetched_handler_is_accepted_in_order(
 def test_leaving_module_returns_unstarted_prefetched_messages(
     quick: Quick, user: Client, address: str
 ) -> None:
-    """Its unstarted prefetched messages go to the next module."""
+    """Prefetched messages that the leaving module has not started go to the next module."""
     with quick.module.running():
         for number in range(COUNT):
             user.inform(NOTE, number)
@@ -205,8 +209,8 @@ def test_leaving_module_returns_unstarted_prefetched_messages(
 def test_waiting_callback_lets_its_slot_handle_messages(
     quick: Quick, user: Client, daemon: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Guards against a deadlock: the callback asks another module, which asks the slot of the
-    callback.
+    """The test guards against a deadlock. The callback asks another module, which asks the slot of
+    the callback.
     """
     monkeypatch.setattr(turns, "TURN_SECONDS", 0.0)  # callbacks come between any two messages
     asker, answers, is_ready = (
@@ -219,7 +223,7 @@ def test_waiting_callback_lets_its_slot_handle_messages(
     @quick.module.handles(HOLD, resource="ear")
     def hold(task: Task) -> None:
         is_ready.wait(SOON)
-        task.modules()  # what central has sent ahead comes before its answer
+        task.modules()  # prefetched messages arrive before central's answer
 
     @quick.module.every(0.000001, resource="ear")
     def ask(callback: Callback) -> None:

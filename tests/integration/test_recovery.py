@@ -1,4 +1,4 @@
-"""Central is killed and restarted: no accepted message is lost, and none is handled twice."""
+"""Central is killed and restarted. No accepted message is lost, and none is handled twice."""
 
 import errno
 import os
@@ -80,7 +80,7 @@ class Robot:
         self.central.kill()
 
     def restart(self, *options: str) -> str:
-        """Restart central; return its first line."""
+        """Restart central, and return its first line."""
         self.central = Central(self.folder, *options)
         return self.central.first_line
 
@@ -208,7 +208,7 @@ def test_unnamed_journal_of_the_address_is_continued(
 
 @pytest.fixture
 def broken_run(tmp_path: Path) -> Path:
-    """The journal of a run that was killed in the middle."""
+    """Return the journal of a run that was killed in the middle."""
     robot = Robot(tmp_path / "robot")
     try:
         with connect("user", robot.central.address) as user:
@@ -223,7 +223,7 @@ def broken_run(tmp_path: Path) -> Path:
 
 
 def test_truncated_inputs_leave_a_recoverable_run(broken_run: Path, tmp_path: Path) -> None:
-    """The journal then extends beyond the inputs; --resume facts accepts that."""
+    """The journal then extends beyond the inputs. The option --resume facts accepts that."""
     inputs, before = (broken_run / "00000001.tcai").read_bytes(), 1 << 30
     for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
         copy = tmp_path / "copy"
@@ -315,7 +315,9 @@ def test_check_rerun_shows_the_first_difference(
 def test_image_taken_in_recovery_is_covered_by_the_journal(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A central that is killed right after the image has already written the journal up to it."""
+    """Central is killed right after it has taken the image. By then it has written the journal up
+    to the image.
+    """
     monkeypatch.setattr(images, "EVENTS_BETWEEN", 2)
     run = RunFolder(broken_run)
     server = Daemon(run.central, f"ipc://{broken_run.parent}/again.sock")
@@ -335,7 +337,9 @@ def test_image_taken_in_recovery_is_covered_by_the_journal(
 
 
 def test_client_waiting_for_restart_is_greeted_at_once(tmp_path: Path) -> None:
-    """Also when much is due in the first turn. Otherwise idle slots would return only after 45 s."""
+    """The greeting leaves at once even if much is due in the first turn. Otherwise idle slots would
+    return only after 45 s.
+    """
     server = Daemon(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
     server._next_beat = 0.0
     serving = Thread(target=server.serve)
@@ -390,7 +394,7 @@ def test_restart_without_inputs_starts_a_new_run(robot: Robot, user: Client) -> 
 
 @pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])
 def test_task_numbers_are_never_reused_after_lost_inputs(broken_run: Path, sync: Sync) -> None:
-    """Neither after unsynced inputs were lost, nor after some were skipped."""
+    """The rule holds after unsynced inputs were lost, and after inputs were skipped."""
     newest = []
     for _ in range(2):
         folder = RunFolder(broken_run, accept=True)

@@ -25,13 +25,13 @@ ROOT = Path(__file__).parents[2]
 
 LOW = "1.1 1.85 0.25 0.7"
 TALL = "1.1 0.9 0.25 1.9"
-"""Taller than a leg is raised; the leg swings around it."""
+"""A rock that is taller than a leg is raised. The leg swings around the rock."""
 
 BROAD = "1.4 0.3 0.7 1.9"
-"""Too broad for a leg to go around until the feet are shuffled."""
+"""A rock that is too broad for a leg to go around, until the feet are shuffled."""
 
 HUGE = "3.2 0.0 2.4 1.9"
-"""No leg passes it: the walk is given up there."""
+"""A rock that no leg passes, so that the walk is given up there."""
 
 UNCHECKED = ("--without", "stability", "--without", "footfall")
 
@@ -90,7 +90,7 @@ Walks = Callable[[str], Walk]
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
-    """Walk to a rock, once for each rock."""
+    """Return a function that walks to a rock, once for each rock."""
     known: dict[str, Walk] = {}
 
     def get(rock: str) -> Walk:
@@ -103,13 +103,13 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
 
 @pytest.fixture(scope="module")
 def given_up(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """A walk to the huge rock without checks. It breaks rules before it is given up."""
+    """Walk to the huge rock without checks. The walk breaks rules before it is given up."""
     return walk_with(tmp_path_factory.mktemp("huge"), HUGE, options=UNCHECKED)
 
 
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """Fifteen metres of 30 % hills, on which each fault occurs."""
+    """Walk fifteen metres over hills of 30 %, on which each fault occurs."""
     options = [text for fault in FAULTS for text in ("--fault", fault)]
     folder = tmp_path_factory.mktemp("faults")
     return walk(
@@ -148,7 +148,7 @@ def test_step_is_replanned_around_a_tall_rock(walked: Walks) -> None:
     tried = [name for name in names_under(done, failing) if name in LADDER]
     assert tried == ["raise leg", "raise leg", "replan move"]
     step = done.history.tasks[failing.parent]
-    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned again
+    assert (step.name, len(step.handlings)) == ("take steps", 2)  # the step was planned twice
 
 
 def names_under(walk: Walk, task: Task) -> list[str]:

@@ -1,4 +1,4 @@
-"""Stopped but living processes: a stopped module counts as lost, and a stopped central loses no
+"""Processes that are stopped but live. A stopped module counts as lost; a stopped central loses no
 module.
 """
 
@@ -88,7 +88,7 @@ def make_eyes(address: str) -> Module:
 
 
 def modules_lost_for_silence(daemon: Central) -> list[str]:
-    """Modules that were lost for their silence, by the journal."""
+    """Return the modules that were lost for their silence, according to the journal."""
     return [fact.module for fact in daemon.facts(facts.ModuleLeft) if "silent" in fact.why]
 
 
@@ -97,7 +97,7 @@ TCP = "tcp://127.0.0.1:*"
 
 @contextmanager
 def running(folder: Path, *options: str, bind: str = "") -> Iterator[tuple[Central, str]]:
-    """A central, and where it listens."""
+    """Run a central. Yield it with the address where it listens."""
     with central(folder, *options, bind=bind) as daemon:
         yield daemon, daemon.first_line.removeprefix("central: listening on ")
 
@@ -105,7 +105,9 @@ def running(folder: Path, *options: str, bind: str = "") -> Iterator[tuple[Centr
 def check_module_lost_and_rejoined(
     folder: Path, seconds: int, *options: str, bind: str = ""
 ) -> None:
-    """Stop a module while it handles a command: it is lost, and serves again once it resumes."""
+    """Stop a module while it handles a command. The module is lost, and serves again once it
+    resumes.
+    """
     why = f"its process was silent for {seconds} s"
     with running(folder, *options, bind=bind) as (daemon, address), make_eyes(address).running():
         with program(LEGS, address) as legs, connect("user", address) as user:
@@ -158,7 +160,7 @@ def test_stopped_script_loses_its_lock(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_client_without_first_heartbeat_is_lost(tmp_path: Path) -> None:
-    """Its hello has arrived, but its heartbeat connection never does."""
+    """The client's hello arrives, but its heartbeat connection is never made."""
     with central(tmp_path, "--lost-after", "2") as daemon, connect("user", daemon.address) as user:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         with context, context.socket(zmq.DEALER) as early:
@@ -247,7 +249,9 @@ def test_stopped_module_is_never_lost_when_lost_after_is_0(tmp_path: Path) -> No
 
 @pytest.mark.soak
 def test_killed_module_is_lost_though_child_keeps_its_sockets(tmp_path: Path) -> None:
-    """The kernel closes sockets only when their last process ends. A child sends no heartbeats."""
+    """The kernel closes sockets only when the last process that has them ends. The child sends no
+    heartbeats.
+    """
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
         with program(PARENT, daemon.address) as parent:
             child = int(parent.stdout.readline())

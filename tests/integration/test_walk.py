@@ -111,7 +111,7 @@ def test_next_step_is_planned_while_walking_the_current_one(history: History) ->
 
 
 def test_walk_keeps_all_rules_and_properties(walked: tuple[str, Path]) -> None:
-    """Checks a journal of real processes, in which a module was replaced during the walk."""
+    """The journal is of real processes, and a module was replaced during the walk."""
     wanted = [
         "at most 1 planned ahead of take steps",
         "at most 2 handled by controller",
@@ -146,7 +146,7 @@ def test_walk_continues_after_controller_replacement(
 
 
 def steps_of(history: History, arc: int) -> list[int]:
-    """The take-steps tasks of an arc, outermost first."""
+    """Return the take-steps tasks of an arc, outermost first."""
     chain = [arc]
     while below := [
         child

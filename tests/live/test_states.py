@@ -59,7 +59,7 @@ def test_send_follows_progress_and_states_of_a_known_message() -> None:
 
 @pytest.fixture
 def central(monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
-    """A local central, to which the commands connect, too."""
+    """Run a local central to which the commands connect, too."""
     with LocalCentral() as local:
         monkeypatch.setattr(
             shared, "connect", lambda name, _, patience: connect(name, local, patience=patience)
@@ -75,7 +75,7 @@ def user(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[None]:
-    """An arm that grasps until it is cancelled, and rejects a width below 1 cm."""
+    """Run an arm that grasps until it is cancelled, and rejects a width below 1 cm."""
     arm = Module("arm", central)
 
     @arm.handles(GRASP, takes=["update", "cancel"])
@@ -116,7 +116,7 @@ def test_cancel_reports_its_result(
     legs, is_released = Module("legs", central), threading.Event()
 
     def work(_: Task) -> None:
-        is_released.wait(SOON)  # not woken by a kill
+        is_released.wait(SOON)  # a kill does not end this wait
 
     legs.handles(TURN, takes=["cancel"])(work)
     for one, refuses in ((WALK, []), (STAND, ["cancel"]), (DRIFT, [])):

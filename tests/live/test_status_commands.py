@@ -26,7 +26,7 @@ def address(tmp_path: Path) -> str:
 
 @pytest.fixture
 def central(address: str) -> Iterator[str]:
-    """The address of a running central."""
+    """Run a central, and yield its address."""
     with RealCentral(address):
         yield address
 

@@ -27,7 +27,7 @@ class Gripper(Environment):
         self.notes.append(f"{task.task.time():.2f} {type(task).__name__} {what}")
 
     def read(self) -> list[str]:
-        """The records since the last call."""
+        """Return the records since the last call."""
         notes, self.notes = self.notes, []
         return notes
 
@@ -109,7 +109,7 @@ class Robot:
         )
 
     def after(self, seconds: float) -> list[str]:
-        """Advance the clock; return the records since the last call."""
+        """Advance the clock. Return the records since the last call."""
         self.central.advance(seconds)
         return self.gripper.read()
 

@@ -1,4 +1,4 @@
-"""Changes of a running task: followers get its text and overruns, and clients change its
+"""Changes of a running task. Followers get its text and overruns, and clients change its
 parameters.
 """
 

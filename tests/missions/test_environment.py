@@ -1,4 +1,6 @@
-"""The environment that tasks share: its lock, and its life within the server's."""
+"""The environment that tasks share: its lock, and the messages that it handles until the server
+ends.
+"""
 
 from contextlib import suppress
 

@@ -14,7 +14,7 @@ from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
 
 
 def names(robot: Robot) -> list[str]:
-    """The names of all runs."""
+    """Return the names of all runs."""
     return [task.message.removeprefix("gripper.") for task in robot.user.tasks()]
 
 

@@ -1,4 +1,4 @@
-"""Tasks whose iterate() does not return: the server and the mission log it, and Ctrl-C ends the
+"""Tasks whose iterate() does not return. The server and the mission log this, and Ctrl-C ends the
 wait.
 """
 

@@ -44,7 +44,7 @@ def running_rover(folder: Path) -> Iterator[tuple[str, Rover]]:
 def mission_process(
     address: str, robot: Rover, folder: Path, *, stays: bool = False
 ) -> Iterator[Process]:
-    """Run the mission in a process, until it drives back and has recorded both drives in its
+    """Run the mission in a process. Yield when it drives back, and has recorded both drives in its
     checkpoint.
     """
     process = program(TRIP.format(stays=stays), address, cwd=folder)
@@ -81,7 +81,7 @@ def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
         with Mission(
             "rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps"
         ) as mission:
-            assert mission.step("out", mission.Drive, x=1.0).status  # not repeated
+            assert mission.step("out", mission.Drive, x=1.0).status  # the drive is not repeated
             with pytest.raises(
                 StepUncertain,
                 match=r"step 'back' was under way .*\(Drive \{\d+\} interrupted: .*module lost",
@@ -124,7 +124,7 @@ def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
 
 
 def test_missions_page_programs_run_as_printed(tmp_path: Path) -> None:
-    """Readers copy them from docs/missions.md."""
+    """Readers copy these programs from docs/missions.md."""
     blocks = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL
     )

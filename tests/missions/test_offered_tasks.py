@@ -1,4 +1,4 @@
-"""Task formats from other modules: a malformed one does no harm."""
+"""Task formats from other modules. A malformed format does no harm."""
 
 import inspect
 import json

@@ -37,7 +37,7 @@ Ends = list[tuple[str, str]]
 
 @contextmanager
 def mission_with_every_end() -> Iterator[tuple[LocalCentral, Mission, Ends]]:
-    """Three drives fail, one is stopped, and one completes; with their ends as an observer sees
+    """Let three drives fail, stop one, and let one complete. Yield their ends as an observer sees
     them.
     """
     with (
@@ -75,7 +75,7 @@ def test_task_outcome_agrees_for_observer_client_and_journal() -> None:
 
 
 def as_recovered(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
-    """As if the mission's exception handler had recovered the failure."""
+    """Return the facts as if the mission's exception handler had recovered the failure."""
     kept = [
         fact
         for fact in entry.facts
@@ -88,7 +88,7 @@ def as_recovered(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
 
 
 def as_completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
-    """As if the handler had returned a status that is not COMPLETED."""
+    """Return the facts as if the handler had returned a status that is not COMPLETED."""
     end = msgspec.msgpack.encode(TaskEnd(Status.FAILED | Status.TERMINATED))
     returned = [
         fact for fact in entry.facts if isinstance(fact, facts.Returned) and fact.id == failed.task

@@ -13,7 +13,7 @@ from tca_module import BadData, BadFormat
 
 
 def shape(robot: Robot, task: str) -> dict[str, Any]:
-    """The published format of a task's data."""
+    """Return the published format of a task's data."""
     schema: dict[str, Any] = json.loads(robot.user.declared(f"gripper.{task}").data.schema)
     return schema
 

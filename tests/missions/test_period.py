@@ -33,8 +33,8 @@ class Slow(PeriodicTask[Gripper]):
             [0.13, 0, 0, 0],
             [0, 0.13, 0.2, 0.3],
             1,
-        ),  # the late one starts at once, and the grid is kept
-        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are skipped
+        ),  # the late step starts at once, and the grid is kept
+        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two steps are skipped
         ([0.1, 0, 0], [0, 0.1, 0.2], 0),
     ],
 )
@@ -56,7 +56,7 @@ def test_period_keeps_its_grid_for_any_iteration_times(takes: list[float], secon
         start, now = period.due, max(now, period.due) + each
         due = period.next(now, seconds)
         assert due > start
-        assert due >= now - seconds - 1e-9  # a late one starts at once, at most one period late
+        assert due >= now - seconds - 1e-9  # a late step starts at once, at most one period late
         assert round((due - 5.0) / seconds, 6) == round((due - 5.0) / seconds)
         assert due <= max(now, start) + seconds + 1e-9
         assert round((due - 5.0) / seconds) >= number

@@ -18,7 +18,7 @@ SECONDS = st.sampled_from([0.0, 0.05, 0.1, 0.25])
 
 
 class Recorded:
-    """Records when a run begins and ends."""
+    """A task that records when a run begins and ends."""
 
     env: Gripper
     task: Any

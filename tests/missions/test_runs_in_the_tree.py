@@ -1,4 +1,4 @@
-"""A run is a task of the tree: exception handlers retry it, and it holds locks."""
+"""A run is a task of the tree. Exception handlers retry it, and it holds locks."""
 
 from missions.gripper import Gripper, serving
 

@@ -1,6 +1,4 @@
-"""Steps of missions are done once, also when the program dies; and the checkpoint file that records
-them.
-"""
+"""Steps of missions are done once, even if the program dies. A checkpoint file records them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,7 +27,7 @@ class Trip:
 
 
 class Crash(Exception):
-    """Ends a run of the program."""
+    """The end of a run of the program."""
 
 
 @pytest.fixture
@@ -77,7 +75,7 @@ def test_failed_step_is_repeated(trip: Trip) -> None:
 
 
 def crash_in_step(trip: Trip, **parameters: Any) -> None:
-    """Run a program that dies in a step: its checkpoint is restored to that moment."""
+    """Run a program that dies in a step. Its checkpoint is restored to the moment of the death."""
     with expect_crash(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
 

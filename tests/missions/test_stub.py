@@ -1,4 +1,4 @@
-"""The stub file for editors and type checkers: a program that uses it passes mypy, and runs."""
+"""The stub file for editors and type checkers. A program that uses it passes mypy, and runs."""
 
 import subprocess
 import sys

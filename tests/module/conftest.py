@@ -14,7 +14,7 @@ from tca_module.testing import LocalCentral
 
 @pytest.fixture
 def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
-    """The tests of a module with STEPPED step its clock."""
+    """Run a central. It has a stepped clock for test files that set STEPPED."""
     with LocalCentral(
         check=check_invariants, stepped=getattr(request.module, "STEPPED", False)
     ) as central:
@@ -23,14 +23,14 @@ def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
 
 @pytest.fixture
 def user(central: LocalCentral) -> Iterator[Client]:
-    """A client outside of all handlers."""
+    """Connect a client outside of all handlers."""
     with connect("user", central) as client:
         yield client
 
 
 @pytest.fixture
 def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Modules notice their end, or a silent central, within 0.2 s instead of 3 s."""
+    """Let modules notice their end, or a silent central, within 0.2 s instead of 3 s."""
     monkeypatch.setattr(session, "QUIET", 0.2)
     monkeypatch.setattr(session, "IDLE", 0.2)
     monkeypatch.setattr(session, "REPEAT", 0.1)
@@ -41,7 +41,7 @@ def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def robot(central: LocalCentral) -> Robot:
-    """A planner and legs that do not run yet."""
+    """Return a planner and legs that do not run yet."""
     return Robot(central)
 
 

@@ -1,5 +1,5 @@
-"""Declarations as a type checker sees them, and mistakes that it finds. mypy reads this file for
-test_types.py; it is never run.
+"""Declarations as a type checker sees them, and mistakes that the checker finds. mypy reads this
+file for test_types.py. The file is never run.
 """
 
 from dataclasses import dataclass

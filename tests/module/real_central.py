@@ -25,7 +25,7 @@ class Gate:
     def __init__(self, result: Any = None) -> None:
         self.result = result
         self.begun, self.go_on = threading.Event(), threading.Event()
-        self.threads = queue.SimpleQueue[str]()  #: the names of the threads that called it
+        self.threads = queue.SimpleQueue[str]()  #: the names of the threads that called the handler
 
     def __call__(self, *_: Any) -> Any:
         self.threads.put(threading.current_thread().name)
@@ -60,11 +60,11 @@ class RealCentral:
         self.server.close()
 
     def facts(self, kind: type) -> list[Any]:
-        """All facts of a kind so far."""
+        """Return all facts of a kind that were recorded so far."""
         return [fact for fact in self.server.recorded[:] if isinstance(fact, kind)]
 
     def open_requests_of(self, module: str) -> list[Any]:
-        """The open requests of a module's handlers."""
+        """Return the open requests of a module's handlers."""
         connections = list(self.server.central.registry.connections.values())
         return [
             due
@@ -99,6 +99,6 @@ def until(condition: Callable[[], Any], description: str, seconds: float = SOON)
 
 
 def disable_polling(patch: pytest.MonkeyPatch) -> None:
-    """Make a wait that misses a wake-up last for ever: it no longer polls every STEP."""
+    """Stop the polling every STEP, so that a wait that misses a wake-up lasts for ever."""
     for where in (wait_loop, event_loop):
         patch.setattr(where, "STEP", 10 * SOON)

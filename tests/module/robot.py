@@ -68,7 +68,7 @@ class Robot:
         ]
 
     def order_of(self, moment: Moment) -> list[int]:
-        """The tasks that reached a moment, in that order."""
+        """Return the tasks that reached a moment, in the order in which they reached it."""
         return [
             fact.task
             for fact in self.central.facts

@@ -1,4 +1,4 @@
-"""A scripted central: a transport whose far end answers each header, on a clock of its own."""
+"""A scripted central: a transport whose far end answers each header. Its clock is its own."""
 
 import contextlib
 import math
@@ -28,8 +28,8 @@ Script = Callable[[ToCentral], list[ToModule]]
 
 
 class ScriptedCentral:
-    """A transport whose far end answers each header with *script*. Waiting takes time on its
-    own clock.
+    """A transport whose far end answers each header with *script*. Waiting takes time on the
+    transport's own clock.
     """
 
     address = "ipc://scripted"
@@ -40,10 +40,10 @@ class ScriptedCentral:
         self.received: list[ToCentral] = []
         self.packets: list[tuple[float, bytes]] = []
         self.is_present = True
-        self.room = -1  # packets that it accepts before it is gone
+        self.room = -1  # packets that central still accepts; -1: any number
 
     def deliver(self, *headers: ToModule, at: float = 0.0) -> None:
-        """Let these headers arrive, at a later time if given."""
+        """Let headers arrive, not before the time *at*."""
         self.packets.append((at, pack((header, b"") for header in headers)))
 
     def beat(self) -> None:
@@ -101,7 +101,7 @@ class ScriptedCentral:
 
 
 def accept_all(header: ToCentral) -> list[ToModule]:
-    """A central that accepts everything and answers no question."""
+    """Answer as a central that accepts everything but answers no question."""
     if isinstance(header, Hello):
         return [WELCOME]
     if isinstance(header, Send) and header.number and header.message == "walk":

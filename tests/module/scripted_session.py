@@ -1,4 +1,6 @@
-"""A session without a connection: headers of central in, headers of the module out."""
+"""A session without a connection. Tests hand it central's headers, and take the module's headers
+from it.
+"""
 
 from tca_module.session.request import Request
 from tca_module.session.session import HELLO_NUMBER, Session
@@ -20,7 +22,7 @@ HANDLES_WALK = HandlerFormat("walk", "legs")
 
 
 def pop_headers(session: Session) -> list[ToCentral]:
-    """The headers that the session has to send. They count as sent then."""
+    """Return the headers that the session has to send. They count as sent afterwards."""
     outgoing = [header for header, _ in session.outgoing]
     session.outgoing.clear()
     return outgoing
@@ -32,7 +34,7 @@ def receive(session: Session, *heard: ToModule, now: float = 0.0) -> None:
 
 
 def send_requests(session: Session, *asked: ToCentral, wants_answer: bool = True) -> list[Request]:
-    """Make requests and count them as sent."""
+    """Make requests, and count them as sent."""
     requests = [session.request(one, wants_answer=wants_answer) for one in asked]
     pop_headers(session)
     return requests

@@ -1,6 +1,4 @@
-"""``async def`` handlers: their awaits, their background tasks, their ends, and deadlocks through
-``await``.
-"""
+"""``async def`` handlers: awaits, background tasks, ends, and deadlocks through ``await``."""
 
 import asyncio
 import queue
@@ -348,7 +346,7 @@ LOOK, WHERE = Query("look", reply=int), Query("where", reply=int)
 
 @pytest.fixture(autouse=True)
 def _report_waits_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Coroutines report their waits to central after 0.2 s instead of 1 s."""
+    """Let coroutines report their waits to central after 0.2 s instead of 1 s."""
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
 
 
@@ -386,7 +384,7 @@ async def await_with_timeout(awaited: Awaitable[Any]) -> Any:
 
 
 class WaitCycle:
-    """Two modules with one slot each, whose handlers wait for each other's module."""
+    """Two modules with one slot each. The handler of each module waits for the other module."""
 
     def __init__(self, central: Any, style: AwaitStyle) -> None:
         self.eyes, self.maps = Module("eyes", central), Module("maps", central)
@@ -405,7 +403,7 @@ class WaitCycle:
             await style(task.query_send(LOOK))
 
     def outcomes(self, user: Client) -> tuple[str, list[Outcome]]:
-        """The failure of the handler that failed, and the outcomes of both."""
+        """Return the failure of the handler that failed, and the outcomes of both tasks."""
         with self.eyes.running(), self.maps.running():
             refs = user.command(DRAW, sequential=False), user.command(MAP, sequential=False)
             outcomes = sorted(ref.wait(SOON) for ref in refs)
@@ -437,7 +435,7 @@ def test_one_await_of_deadlock_is_refused_and_other_completes(
 
 
 class Device:
-    """Releases waiting coroutines from a thread of its own."""
+    """A device that releases waiting coroutines from a thread of its own."""
 
     def __init__(self) -> None:
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -453,7 +451,9 @@ class Device:
 
 
 async def await_reply_then_device(awaited: Awaitable[Any], device: Device) -> None:
-    """Await the reply, while an asyncio task beside it holds the slot until the device is ready."""
+    """Await the reply. An asyncio task beside this coroutine holds the slot until the device is
+    ready.
+    """
     beside = asyncio.create_task(device.wait())
     await awaited
     await beside
@@ -482,7 +482,7 @@ async def await_shielded(awaited: Awaitable[Any], device: Device) -> None:
 
 
 def waiting_messages(central: LocalCentral) -> set[str]:
-    """The messages whose coroutines central counts as waiting."""
+    """Return the messages whose coroutines central counts as waiting."""
     core = central.core
     waits = [
         wait
@@ -502,9 +502,9 @@ def test_await_beside_external_event_is_no_deadlock(
     central: LocalCentral,
     user: Client,
 ) -> None:
-    """Central knows nothing of awaited things other than its answers, so a coroutine may not
-    count as waiting because of one. Another module's visible wait is observed twice, which
-    leaves time for a wrong report.
+    """Central sees only waits for its own answers. A coroutine that also awaits something else must
+    not count as waiting. The test observes another module's visible wait twice, which leaves time
+    for a wrong report.
     """
     eyes, maps, control = (
         Module("eyes", central),
@@ -552,7 +552,7 @@ def test_await_beside_external_event_is_no_deadlock(
 
 
 def test_timed_out_await_is_withdrawn_from_central(central: LocalCentral, user: Client) -> None:
-    """The coroutine no longer counts as waiting then."""
+    """After the timeout, the coroutine no longer counts as waiting."""
     eyes, maps, go_on = Module("eyes", central), Module("maps", central), threading.Event()
     ended: list[bool] = []
 

@@ -25,14 +25,14 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
 
 @pytest.fixture
 def line() -> Iterator[tuple[socket.socket, socket.socket]]:
-    """The two ends of a line: the module's and the device's."""
+    """Yield the two ends of a line: the module's and the device's."""
     near, far = socket.socketpair()
     with near, far:
         yield near, far
 
 
 class Clock:
-    """A thread's callbacks on the test's own clock."""
+    """The callbacks of a thread, on the test's own clock."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -45,7 +45,7 @@ class Clock:
         return moment - self.now
 
     def wake(self) -> None:
-        """No thread waits, so none needs to wake."""
+        """Do nothing, because no thread waits."""
 
     def begin(self) -> None:
         connection = Connection.__new__(Connection)
@@ -180,7 +180,7 @@ def test_closed_file_is_no_longer_watched(clock: Clock, caplog: pytest.LogCaptur
     assert watch.is_over
     assert not clock.callbacks.files
     assert "is not called any more: file 77 is closed" in caplog.text
-    clock.advance(0.0, {77: True})  # found before it was removed
+    clock.advance(0.0, {77: True})  # found readable before the watch was removed
     assert called == ["readable"]
 
 
@@ -215,7 +215,7 @@ def test_callback_sends_under_root(legs: Module, central: LocalCentral) -> None:
 
 
 def test_callbacks_and_handlers_of_resource_take_turns(legs: Module, user: Client) -> None:
-    """One resource is one thread: neither callbacks nor handlers need locks."""
+    """A resource has one thread, so neither callbacks nor handlers need locks."""
     threads, go = queue.Queue[str](), threading.Event()
 
     @legs.handles(TEMPERATURE, resource="arm")

@@ -53,7 +53,7 @@ def walkers(central: LocalCentral) -> Module:
 
 
 class BackgroundModule:
-    """A module that runs in the background, and may have to wait before it serves."""
+    """A module that runs in the background. It may have to wait before it serves."""
 
     def __init__(self, started: Module) -> None:
         self.module, self.error = started, list[TcaError]()
@@ -117,7 +117,7 @@ def test_module_serves_once_required_messages_are_handled(
     with walkers.running():
         user.wait_until_handled(STANCE, timeout=SOON)
         assert user.query(STANCE, 1.0, timeout=SOON) == [36]
-    assert user.handlers(STANCE) != []  # it continues to serve
+    assert user.handlers(STANCE) != []  # the module continues to serve
     started.stop()
     assert started.error == []
 
@@ -153,8 +153,8 @@ def test_waiting_module_names_requirements_and_can_be_stopped(
 def test_mutually_requiring_modules_are_warned_at_once(
     central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Each would wait for the other for ever. A message that another module may still handle is
-    not named.
+    """Each module would wait for the other for ever. A message that another module may still handle
+    is not named.
     """
     legs, planner = (
         Module("legs", central, requires=[STANCE]),
@@ -186,7 +186,7 @@ def test_requirement_wait_survives_central_restart(central: LocalCentral, walker
 
 @pytest.fixture
 def notices(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
-    """The notices that a module with handlers for all of them gets."""
+    """Yield the notices that a module gets. The module handles all of them."""
     notices: queue.SimpleQueue[Any] = queue.SimpleQueue()
     guard = Module("guard", central)
     guard.handles(MODULE_JOINED)(lambda _, who: notices.put(who.module))
@@ -419,7 +419,7 @@ SCAN = Command("scan")
 
 
 class Scans:
-    """Scans, for which the legs must stand still: each waits in its lock block until it may
+    """Scans, for which the legs must stand still. Each scan waits in its lock block until it may
     continue.
     """
 
@@ -438,7 +438,7 @@ class Scans:
 
     @contextmanager
     def under_way(self) -> Iterator[None]:
-        """In this block a scan has locked the legs."""
+        """Run a block while a scan has locked the legs."""
         assert self._locked.wait(SOON)
         try:
             yield
@@ -508,8 +508,8 @@ def test_explicit_release_raises_lock_lost_once(
 
 @pytest.mark.usefixtures("moving_legs")
 def test_lock_is_lost_when_connection_breaks(user: Client, central: LocalCentral) -> None:
-    """Central releases the locks of a lost module even if it returns at once: others may have
-    used the resource.
+    """Central releases the locks of a lost module even if the module returns at once, because
+    others may have used the resource.
     """
     with connect("other", central) as other:
         claim = other.lock("legs")
@@ -537,7 +537,7 @@ def test_lock_is_lost_when_resource_module_leaves(user: Client, legs: Module) ->
 
 @pytest.mark.usefixtures("moving_legs")
 def test_lock_is_lost_when_central_restarts(user: Client, central: LocalCentral) -> None:
-    """A client learns it with its next message: at the end of the block at the latest."""
+    """A client learns of the loss with its next message, at the end of the block at the latest."""
     with (
         pytest.raises(LockLost, match="central was restarted and has forgotten it"),
         user.lock("legs"),

@@ -1,4 +1,4 @@
-"""Waiting on a connection: a scripted central, and a clock that runs only during waits."""
+"""Waits on a connection, with a scripted central and a clock that runs only during waits."""
 
 import pytest
 from module.scripted_central import HELLO, ScriptedCentral, accept_all, scripted_connection
@@ -48,8 +48,8 @@ def test_unanswered_hello_raises_central_lost(*, is_present: bool) -> None:
 
 
 def test_unreadable_hello_is_reported_as_other_protocol_version() -> None:
-    """A central from before Hello had its last field refuses it without a number, which it
-    could not read.
+    """An older central, whose Hello lacks the last field, cannot read this Hello. Its refusal has
+    no number.
     """
     reason = "a header is no message to central: Expected `array` of at most length 8, got 9"
     central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, reason)])
@@ -67,7 +67,7 @@ def test_message_is_declared_once() -> None:
     connection.declare(WALK)
     connection.declare(WALK)
     assert central.received == [Register(2, [WALK.format], [])]
-    connection.declare(Goal("walk"))  # another declaration of that name may have another format
+    connection.declare(Goal("walk"))  # another declaration of this name may have another format
     assert len(central.received) == 2
 
 
@@ -162,7 +162,7 @@ def test_next_central_gets_unsent_requests_but_not_sent_one() -> None:
     assert [getattr(header, "message", "") for header in central.received] == [
         "",
         "0",
-    ]  # Hello, and the first of them
+    ]  # Hello, and the first of the sends
     central.is_present, central.room = True, -1
     central.script = lambda header: (
         [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
@@ -204,8 +204,8 @@ def test_interrupted_wait_gives_up_its_request() -> None:
 
 
 class ScriptedSlot:
-    """A slot whose first message is followed by *arrivals*. *durations* gives the seconds for
-    each handled delivery.
+    """A slot whose first message is followed by *arrivals*. *durations* gives the seconds for each
+    handled delivery.
     """
 
     def __init__(
@@ -236,7 +236,7 @@ class ScriptedSlot:
         self.connection.reply(Reply(delivery.delivery), b"")
 
     def serve(self) -> list[int]:
-        """Handle all that arrives, and return the deliveries that were begun."""
+        """Handle all arrivals, and return the deliveries that were begun."""
         self.central.deliver(Deliver(8, "note"))
         self.connection.serve(
             lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False
@@ -383,7 +383,7 @@ def test_hello_is_repeated_soon_after_unsent_packet() -> None:
 
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
 def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
-    """Neither the unsent request nor its unsent give-up delays the end of the wait."""
+    """Neither the unsent request nor the unsent give-up of it delays the end of the wait."""
     connection, central = scripted_connection()
     central.is_present = False
     for _ in range(3):
@@ -419,7 +419,7 @@ def test_timeout_names_silence_of_central() -> None:
 
 
 def test_idle_central_is_asked_before_it_counts_as_silent() -> None:
-    """Central beats seldom to connections that wait for nothing."""
+    """Central sends few heartbeats to connections that wait for nothing."""
     connection, central = scripted_connection()
     central.script = lambda _: []
     central.now += 20.0

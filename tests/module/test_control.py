@@ -46,7 +46,7 @@ HIGHER, SHRUG = ExceptionHandler("higher", float), ExceptionHandler("shrug")
 
 
 class Robot:
-    """Legs that hit a rock below 0.3, and an expert. Both log their actions."""
+    """Legs that hit a rock below a height of 0.3, and an expert. Both log their actions."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.log: list[str] = []
@@ -314,8 +314,8 @@ def test_task_reports_its_relatives(robot: Robot, user: Client) -> None:
 
 
 def test_point_monitor_is_ordered_like_task_in_blocks(robot: Robot, user: Client) -> None:
-    """In a parallel block a monitor waits for no sibling; in a sequence its successor waits for
-    it.
+    """In a parallel block a monitor waits for no sibling. In a sequence the successor waits for the
+    monitor.
     """
     central = robot.legs.central
     planner = Module("planner", central=central)

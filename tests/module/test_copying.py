@@ -1,5 +1,5 @@
 """Values that users may hand to another process can be pickled and copied. Objects that need a
-connection refuse it.
+connection refuse to be.
 """
 
 import copy
@@ -30,7 +30,8 @@ OTHERS = (
     "tca_tools.explore.errors",
     *["tca_central.errors"] * (not is_compiled()),
 )
-"""In a compiled central the errors have no constructor that shows its arguments: they are left out.
+"""Further modules with errors. In a compiled central the errors are left out, because their
+constructors do not show their arguments.
 """
 VALUES = {
     int: 3,
@@ -64,7 +65,7 @@ def error_classes() -> Iterator[type[BaseException]]:
 
 
 def make_error(kind: type[BaseException]) -> BaseException:
-    """An error with arguments of the types that its constructor declares."""
+    """Return an error with arguments of the types that its constructor declares."""
     if not inspect.isfunction(kind.__init__):
         return kind("what was wrong")
     hints = [

@@ -1,4 +1,4 @@
-"""Direct messages between modules over real sockets; the journal shows central's knowledge of them."""
+"""Direct messages between modules over real sockets. The journal shows central's part of them."""
 
 import asyncio
 import os
@@ -57,7 +57,9 @@ def user(central: RealCentral) -> Iterator[Client]:
 
 
 def count_direct(central: RealCentral, message: str = "height", module: str = "") -> int:
-    """Count the messages handled directly (by a module) that central was told of."""
+    """Count the directly handled messages that central was notified of, optionally of one module
+    only.
+    """
     noted = central.facts(HandledDirectly)
     return sum(fact.message == message and module in ("", fact.module) for fact in noted)
 
@@ -73,7 +75,7 @@ def count_lost(central: RealCentral) -> int:
 def ask_until_direct(
     central: RealCentral, ask: Callable[[], object], message: str = "height", module: str = ""
 ) -> None:
-    """Ask until the question goes directly (to a module)."""
+    """Ask a question until it goes directly to a module, optionally to a given one."""
     before = count_direct(central, message, module)
     until(
         lambda: (ask(), count_direct(central, message, module) > before)[1],
@@ -202,7 +204,7 @@ def test_newer_handler_gets_direct_queries_until_it_leaves(
 def test_leaving_module_hands_over_unbegun_direct_queries(
     central: RealCentral, user: Client
 ) -> None:
-    """Queries that wait at the entrance of a leaving module are answered by the next one, each
+    """Queries wait at the entrance of a module that leaves. The next module answers each of them
     once.
     """
     gate, handled = Gate(), list[float]()
@@ -228,7 +230,7 @@ def test_leaving_module_hands_over_unbegun_direct_queries(
             lambda: (user.status(), central.facts(HandlerRemoved))[1],
             "the first handler is withdrawn",
         )
-        user.status()  # its answer shows that the user has been notified
+        user.status()  # the answer shows that the user has been notified
         assert user.query(HEIGHT, 50.0) == 150.0
         gate.go_on.set()
         answers = [one.receive(SOON) for one in pending]
@@ -240,7 +242,9 @@ def test_leaving_module_hands_over_unbegun_direct_queries(
 def test_slot_handles_direct_and_central_messages_in_turn(
     central: RealCentral, user: Client
 ) -> None:
-    """While a direct handler waits, central delivers to its slot without knowing of it."""
+    """While a direct handler waits, central delivers to its slot without knowing of the direct
+    message.
+    """
     diary: list[str] = []
     module, other = Module("map", central.address), Module("other", central.address)
 
@@ -263,7 +267,7 @@ def test_slot_handles_direct_and_central_messages_in_turn(
     @other.handles(DEPTH)
     def depth(task: Task, x: float) -> float:
         walk = task.command(WALK, x)
-        walk.wait_for(walk.handling.start, SOON)  # it has been delivered
+        walk.wait_for(walk.handling.start, SOON)  # the walk has been delivered
         return x
 
     with module.running(), other.running():
@@ -298,7 +302,7 @@ def test_later_reply_to_direct_query_keeps_slot_busy(central: RealCentral, user:
             user.query_send(HEIGHT, 2.0),
             user.command(WALK, 3.0),
         )
-        walk.wait_for(walk.handling.start, SOON)  # as central sees it
+        walk.wait_for(walk.handling.start, SOON)  # central has delivered the walk
         until(lambda: owed, "the handler was called")
         assert len(owed) == 1
         owed.pop().reply(1.5)
@@ -396,8 +400,8 @@ def test_direct_route_is_relearnt_after_connection_break(
 
 
 def test_direct_queries_are_answered_while_central_is_away(tmp_path: Path) -> None:
-    """A query that is open when another central starts is lost, as through central. Then routes
-    are learnt again.
+    """A query that is open when another central starts is lost, as a query through central is. Then
+    routes are learnt again.
     """
     address = f"ipc://{tmp_path}/central.sock"
     gate = Gate()
@@ -452,7 +456,7 @@ def test_stale_entrance_sockets_are_removed(central: RealCentral, tmp_path: Path
         )
         alive.bind(f"ipc://{gone}")
         gone_too = tmp_path / "4194307-c.direct"
-        gone.rename(gone_too)  # like a process on another machine: it still answers
+        gone.rename(gone_too)  # like a process on another machine, it still answers
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(taken))
         foreign.touch()

@@ -1,5 +1,5 @@
-"""The line between a sender and an entrance, without sockets: no break makes a message handled
-twice or forgotten.
+"""The line between a sender and an entrance, without sockets. After any break, no message is
+handled twice or forgotten.
 """
 
 import logging
@@ -40,7 +40,7 @@ LICENCE = licence(KEY, "test.1")
 
 
 class Line:
-    """A line that can break: packets on their way are lost, and the far end knows the sender
+    """A line that can break. Packets under way are then lost, and the far end knows the sender
     under a new address.
     """
 
@@ -85,7 +85,7 @@ class Near:
         return bool(self.line.back)
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing, because nothing is open."""
 
 
 class Far:
@@ -104,7 +104,7 @@ class Far:
         return self.line.there.popleft() if self.line.there else None
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing, because nothing is open."""
 
 
 class Pair:
@@ -211,7 +211,7 @@ def test_lost_query_is_resent_and_lost_inform_is_counted(pair: Pair) -> None:
     first = pair.ask(b"1")
     pair.path.send_inform(Send(0, "pose"), b"2")
     pair.line.cut()
-    second = pair.ask(b"3")  # the sender has not noticed
+    second = pair.ask(b"3")  # the sender has not noticed the break
     pair.run_until_idle()
     assert sorted(pair.handled) == [b"1", b"3"]
     assert first.answers[0][1] == b"1"
@@ -301,7 +301,7 @@ def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
         pair.handle()
     pair.now += direct_path.REPEAT
     pair.greet()
-    pair.handle()  # the sender is not notified of this one
+    pair.handle()  # the sender is not notified of this message
     assert (pair.path.unconfirmed, pair.lost) == (0, [])
     pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
@@ -339,7 +339,7 @@ def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> No
 
 def test_unanswered_direct_query_fails_when_receiver_dies(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
-    pair.handle()  # its answer has arrived, but was not read yet
+    pair.handle()  # the answer has arrived, but was not read yet
     pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert answered.answers[0][0].outcome is Outcome.DONE
     ((answer, _),) = open_.answers
@@ -382,7 +382,7 @@ def test_failure_is_returned_to_direct_sender(pair: Pair) -> None:
 
 
 def entrance_answers(pair: Pair, *frames: bytes) -> list[Any]:
-    """The answers of the entrance to these frames."""
+    """Return the answers of the entrance to *frames*."""
     pair.line.back.clear()
     pair.line.there.append((pair.line.address, list(frames)))
     pair.inbox.listen()
@@ -514,7 +514,7 @@ def test_direct_messages_are_handled_once_despite_breaks(steps: list[str]) -> No
     poses = [body for body in pair.handled if body in pair.informed]
     assert poses == sorted(poses, key=int)
     assert len(poses) + len(pair.lost) == len(pair.informed)
-    assert not pair.path.is_needed  # the slot has reported everything: its death would lose no more
+    assert not pair.path.is_needed  # the slot has reported everything, so its death loses nothing
 
 
 @pytest.mark.parametrize("usable", [(False, True), (True, False), (False, False), (True, True)])

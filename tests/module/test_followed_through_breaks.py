@@ -26,12 +26,12 @@ WATCH, WAVE, PLAN = (
     Goal("plan"),
 )
 
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 @pytest.fixture
 def camera(central: LocalCentral) -> Iterator[list[str]]:
-    """The requests that the camera has received."""
+    """Run a camera. Yield the requests that it has received."""
     camera, requests = Module("camera", central), list[str]()
 
     @camera.handles(WATCH, takes=["update", "cancel"])
@@ -111,7 +111,7 @@ def test_unfollowed_task_has_no_observers(
         found = visitor.task(number)
         assert found is not None
         found.update(3.0, message=WATCH, timeout=SOON)
-        user.tasks()  # it receives that change, and needs no more
+        user.tasks()  # the user receives this change, and needs no more
         assert central.core.observers.count == 2, "only the visitor and the function observe"
         central.advance(2)
         user.tasks()

@@ -64,12 +64,12 @@ PAUSABLE = LifeCycle(
 )
 CARRY = Command("carry", int, life_cycle=PAUSABLE)
 
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """An arm whose handlers ignore states. It grasps all but a cup at once."""
+    """Run an arm whose handlers ignore states. It grasps everything at once, except a cup."""
     module = Module("arm", central)
 
     @module.handles(GRASP)
@@ -280,7 +280,7 @@ def test_error_in_on_change_function_is_logged(
 
 
 def record_and_cancel(seen: list[str], change: Change) -> None:
-    """Called inside a wait, it cancels the task that the wait is for."""
+    """Record a change, and cancel the task. The caller waits for this task meanwhile."""
     seen.append(change.state)
     if change.state == "running":
         change.task.cancel()

@@ -1,4 +1,6 @@
-"""A forked process must not use its parent's connections: each call raises at once, and none waits."""
+"""A forked process must not use its parent's connections. Each call raises at once, and no call
+waits.
+"""
 
 import multiprocessing
 from collections.abc import Callable
@@ -44,7 +46,7 @@ def hold(module: Module, user: Client, owed: LaterReply[int]) -> None:
 
 
 def in_child(address: str) -> int:
-    """Try all uses, close the inherited client, and query with a connection of its own."""
+    """Try all uses, and close the inherited client. Then query with a new connection."""
     for name, use in USES:
         with pytest.raises(MisuseError, match=r"connect\(\) in each process"):
             print(name, use(held[name]))

@@ -1,5 +1,5 @@
-"""Senders exceed the handlers: messages are dropped silently, refused, or wait for room in the
-queue.
+"""Senders send more than the handlers handle. Messages are dropped silently, refused, or wait for
+room in the queue.
 """
 
 import threading
@@ -18,7 +18,7 @@ POSE, ALARM = Inform("pose", int), Broadcast("alarm", int)
 
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Gate:
-    """A handler that is busy with the first pose, in a queue with room for two more."""
+    """Return a handler that is busy with the first pose. Its queue has room for two more."""
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     return Gate()
 
@@ -67,7 +67,7 @@ def test_sender_waits_until_queue_has_room(
         threading.Timer(0.1, gate.go_on.set).start()
         for number in range(3, 30):
             user.inform(POSE, number, wait=SOON)
-        user.broadcast(ALARM, 1, wait=0)  # it has no handler
+        user.broadcast(ALARM, 1, wait=0)  # the alarm has no handler
     assert handled == sorted(handled)
     assert not [
         fact for fact in central.facts if isinstance(fact, Dropped) and fact.message == "pose"

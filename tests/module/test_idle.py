@@ -1,4 +1,6 @@
-"""Idle programs use no time: modules sleep until something is due, and central sends them nothing."""
+"""Idle programs use no processor time. Modules sleep until something is due, and central sends them
+nothing.
+"""
 
 import math
 import time
@@ -27,7 +29,7 @@ WALK, UNHANDLED = Command("walk"), Query("nobody", reply=int)
 
 
 class CountedCentral(ScriptedCentral):
-    """Counts the ends of its waits."""
+    """A scripted central that counts the ends of its waits."""
 
     wakes = 0
 
@@ -73,7 +75,7 @@ def test_waiting_connection_wakes_only_for_beats() -> None:
 
 @pytest.mark.parametrize("patience", [0.5, 2.0])
 def test_impatient_wait_asks_before_central_counts_as_lost(patience: float) -> None:
-    """Central has no reason to beat that often."""
+    """The wait is shorter than the time between two heartbeats of central."""
     central = ScriptedCentral(accept_all)
     connection = Connection(central, Session(HELLO), clock=lambda: central.now, patience=patience)
     connection.open()
@@ -115,7 +117,7 @@ def test_awaiting_coroutine_is_not_polled(
 
 @contextmanager
 def welcomed_line(central: RealCentral) -> Iterator["zmq.Socket[bytes]"]:
-    """A module's line that central has welcomed."""
+    """Yield a module's line that central has welcomed."""
     with zmq.Context() as context, context.socket(zmq.DEALER) as line:
         line.linger = 0
         line.rcvtimeo = int(1000 * SOON)
@@ -150,7 +152,7 @@ def test_central_beats_only_to_waiting_connections(central: RealCentral) -> None
         send_header(waiting, headers.AwaitPoint(4, Point(task, Moment.END_ACHIEVING)))
         assert [receive_header(waiting) for _ in range(3)] == [Beat()] * 3
         send_header(idle, Register(2, []))
-        assert receive_header(idle) == Accepted(2)  # and nothing before
+        assert receive_header(idle) == Accepted(2)  # nothing came before it
 
 
 def test_departure_is_silent_and_lost_module_is_detected(central: RealCentral) -> None:
@@ -169,7 +171,7 @@ def test_departure_is_silent_and_lost_module_is_detected(central: RealCentral) -
 
 
 def test_new_connection_is_asked_to_identify_itself(central: RealCentral) -> None:
-    """A module whose central was killed learns at once that another one runs."""
+    """A module whose central was killed learns at once that another central runs."""
     line = DealerTransport(central.address)
     until(
         lambda: line.receive(0.1) == codec.pack_item(Unknown()),

@@ -1,4 +1,4 @@
-"""A LaterReply ends its task in each case: dropped, killed, cancelled, and answered before its
+"""A LaterReply ends its task in each case: if it is dropped, killed, cancelled, or used before its
 handler returned.
 """
 
@@ -33,7 +33,9 @@ Owed = list[LaterReply[int]]
 
 @pytest.fixture
 def owed(legs: Module, user: Client) -> Iterator[Owed]:
-    """All replies that the legs owe. At the end the test checks that their slot is free again."""
+    """Yield all replies that the legs owe. At the end, check that the slot of the legs is free
+    again.
+    """
     owed = Owed()
 
     @legs.handles(MOVE, takes=["cancel"])
@@ -49,7 +51,7 @@ def owed(legs: Module, user: Client) -> Iterator[Owed]:
 
 @pytest.fixture
 def sent(owed: Owed, user: Client, central: LocalCentral) -> SentTask[int]:
-    """A move whose handler has returned."""
+    """Return a move whose handler has returned."""
     sent = user.command(MOVE, 1)
     central.until_quiet()
     return sent
@@ -143,7 +145,7 @@ def replies_of(header: Any) -> list[Any]:
 
 
 def separate_replies(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
-    """The replies among items, each with its body."""
+    """Return the replies among *items*, each with its body."""
     found = []
     for header, body in items:
         at = 0

@@ -153,7 +153,7 @@ HOSTILE = (
     POLL,
     int,
 )
-TIMES = 4  # the first of them are valid times
+TIMES = 4  # the number of values at the front that are valid times
 
 
 def nothing(*_: Any) -> None: ...
@@ -261,7 +261,7 @@ def outcome(call: Callable[[Any], object], wrong: Any) -> tuple[object, Exceptio
 
 
 def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
-    """Give a call all hostile values. Some of them may be valid there."""
+    """Give a call all hostile values. Some of these values may be valid for the call."""
     for wrong in HOSTILE[TIMES:] if no_times else HOSTILE:
         made, error = outcome(call, wrong)
         if error is None:
@@ -418,7 +418,7 @@ def test_falsy_argument_is_misuse_not_default(
 
 
 def test_none_counts_as_option_left_out(central: LocalCentral, sender: Client) -> None:
-    """A program that passes its own options on need not leave them out."""
+    """A program that passes on its own options need not leave out those that are None."""
     arms = Module("arms", central)
     arms.handles(Command("grip"), resource=None, pool=None)(nothing)
     arms.every(60.0, resource=None)(nothing)
@@ -498,7 +498,7 @@ def test_constructor_error_names_class_and_argument(kind: Any) -> None:
 
 
 def test_numpy_floats_are_accepted_as_seconds(user: Client, legs: Module) -> None:
-    """They are Python floats, too, but msgspec treats them as another type."""
+    """These values are Python floats, too, but msgspec treats them as another type."""
     legs.handles(REST)(lambda _: None)
     legs.handles(WHERE)(lambda _: 1.0)
     one = np.float64(1)

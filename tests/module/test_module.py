@@ -94,7 +94,9 @@ def test_module_says_goodbye_when_it_ends(legs: Module, central: LocalCentral) -
 
 @contextmanager
 def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | None]]:
-    """Run a function beside the block. Afterwards the list holds its error, or None."""
+    """Run a function beside the block. Yield a list that holds the function's error, or None, after
+    the block.
+    """
     ends: list[BaseException | None] = []
 
     def run() -> None:
@@ -180,7 +182,7 @@ def test_module_ends_when_slot_cannot_connect() -> None:
 def test_module_ends_when_slot_thread_dies(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
-    """The cause may be a bug of this library, or a full disk; it must not go unnoticed."""
+    """The cause may be a bug of this library, or a full disk. It must not go unnoticed."""
     legs.handles(TEMPERATURE)(lambda _: 36.6)
 
     def break_one() -> None:

@@ -79,8 +79,8 @@ def test_module_end_cancels_coroutine_once(legs: Module, user: Client) -> None:
 def test_block_error_is_logged_while_handler_is_awaited(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The handler does not check ``cancelled``, so the module logs the error while it waits for
-    it.
+    """The handler does not check ``cancelled``. So the module logs the error while it waits for the
+    handler.
     """
     monkeypatch.setattr("tca_module.serving.slot._WARN_AFTER", 0.1)
     gate = Gate([])
@@ -120,7 +120,7 @@ class HandlerExit(BaseException):
 
 @pytest.fixture
 def older(central: LocalCentral) -> Module:
-    """A module that handled all messages before the legs joined."""
+    """Return a module that handled all messages before the legs joined."""
     older = Module("older", central)
     older.handles(STANCE)(lambda _, _radius: [0])
     older.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
@@ -137,7 +137,7 @@ def until_withdrawn(user: Client) -> None:
 
 @contextmanager
 def ended_with(kind: type[BaseException], module: Module) -> Iterator[None]:
-    """A module's block that ends with an exception of this class."""
+    """Run a module's block, which must end with an exception of this class."""
     with pytest.raises(kind), module.running():
         yield
 
@@ -195,9 +195,7 @@ def test_stopped_module_finishes_current_and_hands_over_queued(
 def test_withdrawal_is_not_delayed_by_wait_in_block(
     legs: Module, older: Module, central: LocalCentral
 ) -> None:
-    """The wait owns the connection over which the module must withdraw. The wait itself must
-    not end.
-    """
+    """The wait holds the connection over which the module must withdraw. This wait must not end."""
 
     @older.handles(TEMPERATURE)
     def temperature(_: Task) -> float:
@@ -282,7 +280,7 @@ def test_base_exception_in_handler_ends_module(
 def test_base_exception_in_coroutine_ends_module(
     legs: Module, older: Module, user: Client, error: BaseException
 ) -> None:
-    """The coroutine beside it is cancelled, and fails with "module lost", not with its
+    """The coroutine beside the failing one is cancelled. Its failure is "module lost", not the
     cancellation.
     """
     begun, cleaned = threading.Event(), threading.Event()

@@ -1,4 +1,6 @@
-"""Any program observes the states of tasks. Neither their senders nor their handlers know of it."""
+"""Any program can observe the states of tasks. Neither the senders nor the handlers of these tasks
+know of it.
+"""
 
 import asyncio
 import threading
@@ -34,7 +36,7 @@ GRASP, WAVE, WALK = (
 )
 GAZE = Inform("gaze", str)
 
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 @pytest.fixture
@@ -45,7 +47,7 @@ def visitor(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """An arm that grasps a thing for ten seconds, waves for one, and walks by grasping."""
+    """Run an arm that grasps a thing for ten seconds, waves for one second, and walks by waving."""
     module = Module("arm", central)
 
     @module.handles(GRASP, takes=["update"])

@@ -1,4 +1,4 @@
-"""The order of children: the constraints of the next child, alone and in blocks."""
+"""The order of children. The constraints of the next child are tested alone and in blocks."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tca_wire.points import ROOT, THIS, TaskId
 
 
 class Plan:
-    """Sends numbered children and returns the flags and constraints of each."""
+    """A sender of numbered children, which returns the flags and constraints of each child."""
 
     def __init__(self, *, is_shared: bool = False) -> None:
         self.ordering = SiblingOrder(is_shared=is_shared)
@@ -133,7 +133,7 @@ def test_block_counts_as_one_sibling_ahead(plan: Plan) -> None:
 
 
 def test_root_block_names_its_siblings_explicitly() -> None:
-    plan = Plan(is_shared=True)  # it may be another thread's
+    plan = Plan(is_shared=True)  # the last sibling may be another thread's
     assert [plan.child(), plan.child()] == ["seq ach", "seq ach"]
     with plan.ordering.sequence():
         assert [plan.child(), plan.child()] == [after(2), after(3)]

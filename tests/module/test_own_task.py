@@ -1,4 +1,4 @@
-"""A handler steers its own task with a sender's calls. In a wrong thread the error gives advice."""
+"""A handler steers its own task with a sender's calls. In a wrong thread, the error advises."""
 
 import threading
 from collections.abc import Callable
@@ -110,7 +110,7 @@ def test_steering_query_as_task_is_misuse(user: Client, legs: Module) -> None:
 
 
 def refusal(call: Callable[[], object]) -> str:
-    """The error of a call in a thread of its own."""
+    """Return the error of a call in a thread of its own."""
     texts: list[str] = []
 
     def elsewhere() -> None:

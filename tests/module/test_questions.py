@@ -103,7 +103,7 @@ def test_handler_fetches_reply_of_own_resource_later(legs: Module, user: Client)
         if radius <= 1:
             return [1]
         pending = [task.query_send(STANCE, radius - 1) for _ in range(2)]
-        assert not task.cancelled  # reading it handles the packets that have arrived
+        assert not task.cancelled  # reading ``cancelled`` handles the packets that have arrived
         return [int(radius), *pending[1].receive(SOON), *pending[0].receive(SOON)]
 
     with legs.running():
@@ -159,7 +159,7 @@ def test_wrong_reply_fails_in_handler(legs: Module, user: Client) -> None:
 
 
 def test_undecodable_data_fails_in_receiver(legs: Module, user: Client) -> None:
-    """The formats of both declarations agree for central, but differ in detail."""
+    """The formats of both declarations are the same for central, but differ in detail."""
 
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
@@ -201,8 +201,8 @@ def test_multi_query_reaches_every_handler(central: LocalCentral, user: Client) 
 
 
 def test_multi_query_fails_only_if_all_handlers_fail(central: LocalCentral, user: Client) -> None:
-    """The error carries the first failure and names all. With one reply the failures are left
-    out.
+    """The error carries the first failure, and names all failures. If one module replies, all
+    failures are left out.
     """
     eyes, legs, battery = (Module(name, central) for name in ("eyes", "legs", "battery"))
     blind = Failure("blind", int)
@@ -231,7 +231,7 @@ def test_multi_query_fails_only_if_all_handlers_fail(central: LocalCentral, user
 def test_multi_query_timeout_names_failed_and_late_modules(
     central: LocalCentral, user: Client
 ) -> None:
-    """An empty list would look as if no module were there."""
+    """An empty list would suggest that no module had a handler."""
     legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
     release = threading.Event()
     legs.handles(HEALTH)(lambda _: "well" if release.wait(SOON) else "")
@@ -259,7 +259,7 @@ def test_multi_query_timeout_names_failed_and_late_modules(
 
 @pytest.fixture
 def all_legs(central: LocalCentral) -> Module:
-    """Handles a message of each class."""
+    """Return legs that handle a message of each class."""
     legs, received = Module("legs", central), list[Any]()
     legs.handles(REST)(lambda _: None)
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))

@@ -1,4 +1,6 @@
-"""Goals, commands and monitors are sent without waiting for central. Its refusals are raised later."""
+"""Goals, commands and monitors are sent without a wait for central. Refusals by central are raised
+later.
+"""
 
 import pickle
 import queue
@@ -63,7 +65,7 @@ def send_circular(user: Any, **options: Any) -> Any:
 
 
 def acknowledge_nothing(header: headers.ToCentral) -> list[headers.ToModule]:
-    """A central that acknowledges no task."""
+    """Answer as a central that acknowledges no task."""
     if isinstance(header, headers.Hello):
         return [headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one")]
     return [Accepted(header.number)] if isinstance(header, Register) and header.messages else []
@@ -81,8 +83,8 @@ def test_constraint_names_quiet_sends_by_request_number() -> None:
 
 
 def test_result_wait_travels_with_command() -> None:
-    """Central's acknowledgement of the command comes with the answer, so each side sends only
-    two packets.
+    """Central acknowledges the command together with its answer, so each side sends only two
+    packets.
     """
     connection, central = scripted_connection(
         lambda header: (
@@ -253,7 +255,7 @@ def test_handler_may_catch_refusal_and_continue(robot: Robot, user: Client) -> N
 
 
 def test_late_refusal_still_fails_handler() -> None:
-    """In real processes the refusal may come after the handler has returned."""
+    """Between real processes, the refusal may come after the handler has returned."""
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address, capacity=3)
         legs.handles(REST)(lambda task: send_circular(task) and None)
@@ -538,7 +540,7 @@ def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
 
 
 class CountingCentral(LocalCentral):
-    """Counts the packets to and from central."""
+    """A central that counts the packets to and from it."""
 
     there = back = 0
 
@@ -575,7 +577,7 @@ def use_goal(user: Client) -> None:
     [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)],
 )
 def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int, back: int) -> None:
-    """The numbers stand in docs/protocol.md."""
+    """These numbers are also in docs/protocol.md."""
     with CountingCentral() as central:
         legs, planner = Module("legs", central), Module("planner", central)
         legs.handles(ASK)(lambda _: 1)

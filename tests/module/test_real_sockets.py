@@ -1,4 +1,4 @@
-"""The library over real sockets: wake-ups of slots, addresses, and open files of a process."""
+"""The library over real sockets: wake-ups of slots, addresses, and a process's open files."""
 
 import asyncio
 import queue
@@ -58,8 +58,8 @@ def test_malformed_central_address_is_misuse(tmp_path: Path) -> None:
 def test_coroutines_wake_for_every_arrival(
     central: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The file of a ZeroMQ socket signals changes only: a packet that a blocking call has read
-    must not be missed.
+    """The file of a ZeroMQ socket signals only changes. A packet that a blocking call has read must
+    not be missed.
     """
     legs, eyes = Module("legs", central.address), Module("eyes", central.address, capacity=4)
     eyes.handles(STANCE)(lambda _, radius: [int(radius)])

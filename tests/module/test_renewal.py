@@ -1,4 +1,6 @@
-"""The session alone: its declarations after a restart of central, and the kills of given-up tasks."""
+"""The session alone: its declarations after a restart of central, and its kills of tasks that were
+given up.
+"""
 
 import pytest
 from module.scripted_session import A_GOAL, HANDLES_WALK, HELLO, WALK, pop_headers, receive, welcome
@@ -45,7 +47,7 @@ def attach(number: int = 0) -> Attach:
 
 @pytest.fixture
 def session() -> Session:
-    """A session that has a handler, a wiretap 10 and an exception handler 11."""
+    """Return a session that has a handler, a wiretap 10 and an exception handler 11."""
     session = Session(HELLO)
     receive(session, welcome("one"))
     session.add_declared([WALK, CHECK], [HANDLES_WALK])
@@ -128,7 +130,7 @@ def test_repeated_hello_answered_by_new_central_shows_restart(
     assert (walk.accepted, walk.accepted.epoch) == (
         7,
         "one",
-    )  # the number that its own central gave
+    )  # the number that the first central gave
 
 
 def test_variable_of_forgotten_handler_is_not_set(session: Session) -> None:
@@ -280,7 +282,7 @@ def kill_of_request(number: int, request: int) -> Kill:
 
 @pytest.fixture
 def user_session() -> Session:
-    """A session that has declared a command, an inform and a monitor."""
+    """Return a session that has declared a command, an inform and a monitor."""
     session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
     receive(session, Welcome(1, 1, "user", "one"))
     session.add_declared([REST.format, SAY.format, LOOK.format], [])
@@ -297,7 +299,7 @@ def test_given_up_task_is_killed_by_request_number(user_session: Session) -> Non
 
 
 def test_break_repeats_kill_but_not_given_up_task(user_session: Session) -> None:
-    """Otherwise the task would start only to be killed."""
+    """If the session repeated the task, too, it would start only to be killed."""
     rest = user_session.request(A_REST)
     receive(user_session, Unknown())
     given_up.abandon(user_session, rest)

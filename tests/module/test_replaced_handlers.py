@@ -1,4 +1,4 @@
-"""A handler that hangs is left behind: another thread replaces it, and its late reply is ignored."""
+"""A handler that hangs is left behind. Another thread replaces it; its late reply is ignored."""
 
 import threading
 from pathlib import Path

@@ -1,5 +1,5 @@
-"""Replies to queries: functions that get them, replies of many handlers, and the waits in the
-journal.
+"""Replies to queries: functions that are called with them, replies of many handlers, and the waits
+in the journal.
 """
 
 import queue
@@ -111,7 +111,7 @@ def test_error_in_reply_function_is_logged(
 
 
 def test_reply_functions_never_nest(legs: Module, user: Client) -> None:
-    """They would nest if a waiting function let others be called."""
+    """The functions would nest if a function that waits let others be called."""
     depth, deepest, count = 0, 0, 100
 
     def ask(sender: Sender, degrees: float) -> None:
@@ -233,7 +233,9 @@ def test_status_times_out_when_central_only_beats() -> None:
 
 
 def test_handler_task_used_in_other_thread_is_misuse(legs: Module, user: Client) -> None:
-    """The serving thread holds the connection: others must not wait for it for ever."""
+    """The serving thread holds the connection. Other threads must not wait for the connection for
+    ever.
+    """
     caught = queue.Queue[str]()
 
     def elsewhere(task: Task) -> None:
@@ -271,7 +273,7 @@ Way = Callable[[Task], object]
 
 
 def open_waits(central: LocalCentral, delivery: int) -> list[int]:
-    """The open waits of a delivery's handler in the journal."""
+    """Return the open waits of a delivery's handler in the journal."""
     with central._lock:
         history = History.until(list(central.entries))
     runs = [run for run in history.handlings if run.delivery == delivery and run.end is None]
@@ -279,7 +281,7 @@ def open_waits(central: LocalCentral, delivery: int) -> list[int]:
 
 
 def answer_once_waiting(central: LocalCentral, deliveries: list[int]) -> Callable[[Task], float]:
-    """A handler that answers once the journal shows the wait of the first delivery."""
+    """Return a handler that answers once the journal shows the wait of the first delivery."""
 
     def answer(_: Task) -> float:
         until(lambda: open_waits(central, deliveries[0]), "the journal shows the wait")
@@ -372,7 +374,7 @@ def test_query_send_alone_is_no_journaled_wait(
 
 @contextmanager
 def busy_eyes(eyes: Module, client: Client) -> Iterator[None]:
-    """The eyes have a question that they answer only after the block."""
+    """Run a block while the eyes have a question. They answer it only after the block."""
     gate = Gate(36.6)
     eyes.handles(TEMPERATURE)(gate)
     with eyes.running():

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 @pytest.fixture
 def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
-    """The replies that the handler of "move leg" owes."""
+    """Return a queue of the replies that the handler of "move leg" owes."""
     owed = queue.Queue[LaterReply[Footfall]]()
 
     @legs.handles(MOVE_LEG)
@@ -86,7 +86,7 @@ def test_early_later_reply_waits_for_handler_return(
 
 @pytest.mark.parametrize("is_coroutine", [False, True])
 def test_timer_gives_later_reply(legs: Module, user: Client, *, is_coroutine: bool) -> None:
-    """The timer runs in the thread of the handler, which is free until then."""
+    """The timer runs in the thread of the handler. The thread is free until then."""
 
     def temperature(task: Task) -> LaterReply[float]:
         later = task.reply_later()
@@ -102,7 +102,7 @@ def test_timer_gives_later_reply(legs: Module, user: Client, *, is_coroutine: bo
 
 
 def test_later_reply_to_nested_query_wakes_waiting_slot(legs: Module, user: Client) -> None:
-    """The nested handler leaves its answer to another thread, while the outer handler blocks
+    """The nested handler leaves its answer to another thread. Meanwhile the outer handler blocks
     the slot.
     """
 
@@ -251,6 +251,6 @@ def test_connection_break_fails_owed_replies(
         central.cut("legs")
         with pytest.raises(TaskFailed, match="module lost"):
             move.result(SOON)
-        later.reply(Footfall(1, 0.0))  # the task has failed already: the reply does no harm
+        later.reply(Footfall(1, 0.0))  # the task has failed already, so the reply has no effect
         central.restart("afresh")
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6

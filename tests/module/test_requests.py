@@ -58,11 +58,11 @@ LOUDER = LifeCycle(
 SING = Command("sing", life_cycle=LOUDER)
 FREE = Query("free", reply=bool)
 
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 class Arm:
-    """An arm that grasps until its task ends, and notes the requests it receives."""
+    """An arm that grasps until its task ends, and notes the requests that it receives."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.requests_seen: list[str] = []
@@ -252,7 +252,7 @@ def test_request_wait_ends_with_task_or_module(
     with feet.running():
         walking = user.goal(WALK, 1)
         central.until_quiet()
-        walking.cancel()  # the handler does not take it
+        walking.cancel()  # the handler does not receive requests
         assert walking.wait() is Outcome.KILLED
         user.goal(WALK, 2)
         central.until_quiet()

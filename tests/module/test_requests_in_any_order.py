@@ -1,5 +1,5 @@
-"""Clients and handlers act at random, all at once. Each update gets one answer, each task one end,
-and all agree.
+"""Clients and handlers act at random, all at once. Each update gets one answer, and each task has
+one end. All programs agree on them.
 """
 
 import random
@@ -31,7 +31,7 @@ PLAY, SING = (Command(name, int, result=int, progress=int) for name in ("play", 
 
 
 class RandomHandler:
-    """Answers requests at random."""
+    """A handler that answers requests at random."""
 
     def __init__(self) -> None:
         self.answered: Counter[str] = Counter()
@@ -81,7 +81,7 @@ class RandomServer(Server[int, int]):
 
 
 class RandomClient(threading.Thread):
-    """Sends tasks, and updates, cancels or awaits them at random."""
+    """A client that sends tasks, and updates, cancels or awaits them at random."""
 
     def __init__(self, central: LocalCentral, seed: int, tasks: int) -> None:
         super().__init__()

@@ -30,7 +30,7 @@ ON_SLIP = [Recovery(SLIP, LOOK)]
 
 
 class Robot:
-    """*reactions* holds the actions of the exception handler, one for each call."""
+    """Legs, eyes and an exception handler. ``reactions`` holds its actions, one for each call."""
 
     def __init__(self, legs: Module, eyes: Module) -> None:
         self.reactions: list[Any] = []
@@ -154,4 +154,4 @@ def test_external_failure_of_running_task_is_resolved_or_ends_it(
     robot.scales.go_on.set()
     assert weighed.wait(SOON) is outcome
     if outcome is RESOLVED:
-        assert weighed.result(SOON) is None  # its handler has returned that
+        assert weighed.result(SOON) is None  # the handler has returned None

@@ -1,4 +1,4 @@
-"""After a restart of central attachments return, and old numbers name no task of others."""
+"""After a restart of central, attachments return, and an old number never names another task."""
 
 import asyncio
 import pickle
@@ -56,7 +56,7 @@ RECOVER, REPLAN, STOP = (ExceptionHandler(name) for name in ("recover", "replan"
 
 
 class Robot:
-    """Legs, a program that watches over them, and the actions of both."""
+    """Legs, and a program that watches over them. ``done`` has the actions of both."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.central = central
@@ -88,7 +88,7 @@ class Robot:
             yield
 
     def effects_of_move(self, leg: int, user: Client) -> list[str]:
-        """The actions that a move causes now."""
+        """Return the actions that a move causes now."""
         self.done.clear()
         user.command(MOVE, leg).wait(SOON)
         return self.done[:]
@@ -141,7 +141,7 @@ ATTACHING = (facts.TapAdded, facts.Attached, facts.HandlerAdded)
 def test_attachments_of_handler_return_in_place_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
-    """Every handler has a connection of its own. The module attaches for all of them."""
+    """Every handler has a connection of its own. The module attaches again for all its handlers."""
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
@@ -213,7 +213,9 @@ def test_attachment_to_task_is_gone_after_restart(central: LocalCentral, user: C
 def test_attachment_detached_by_operator_returns_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
-    """The module that attached it still needs it, as after a restart of that module."""
+    """The module that attached the wiretap still needs it. The wiretap returns as after a restart
+    of that module.
+    """
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
@@ -258,7 +260,7 @@ def test_forgotten_coroutine_does_not_answer_new_task(central: LocalCentral, use
             await asyncio.to_thread(go_on.wait, SOON)
         else:
             go_on.set()
-            for _ in range(50):  # while the old one returns
+            for _ in range(50):  # meanwhile the old handler returns
                 await task.query_send(LAST)
         return data
 
@@ -350,11 +352,11 @@ PROBE = PointMonitor("check", condition=IS_LOW, action=HALT)
 
 @dataclass
 class Forgotten:
-    """A program's handles of forgotten tasks, and a task that it has sent since."""
+    """A program's handles of forgotten tasks, and a task that the program has sent since."""
 
     user: Client
     goal: SentTask[None]
-    """Number 1 of the old central."""
+    """The goal with number 1 of the old central."""
     task: SentTask[int]
     monitor: MonitorRef[Any]
     removal: AttachmentRef
@@ -416,11 +418,11 @@ CALLS: dict[str, Callable[[Forgotten], object]] = {
     "tap": lambda forgotten: forgotten.user.tap(Condition.AFTER_ACHIEVED, forgotten.task, NOTICE),
     "fire": lambda forgotten: forgotten.monitor.fire(HALT),
     "end": lambda forgotten: forgotten.monitor.end(),
-    # tasks sent under it
+    # tasks sent under a forgotten goal
     "subcommand": lambda forgotten: forgotten.user.under(forgotten.goal).command(LABOUR),
     "subgoal": lambda forgotten: forgotten.user.under(forgotten.goal).goal(STRIDE),
     "submonitor": lambda forgotten: forgotten.user.under(forgotten.goal).monitor(BATTERY, period=1),
-    # its number
+    # numbers of forgotten tasks
     "number": lambda forgotten: forgotten.user.task(forgotten.task.id),
     "copied number": lambda forgotten: forgotten.user.task(
         pickle.loads(pickle.dumps(forgotten.task.id))
@@ -444,7 +446,7 @@ def send_tasks(user: Client) -> Forgotten:
 
 
 def add_tasks_of_stranger(central: LocalCentral, stranger: Client) -> None:
-    """Send tasks of another client that get the same numbers."""
+    """Send tasks of another client, which get the same numbers."""
     for _ in range(4):
         stranger.goal(STRIDE, sequential=False)
     stranger.tasks(STRIDE)[0].on_failure(STUCK, FREE)

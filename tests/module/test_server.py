@@ -1,4 +1,6 @@
-"""A server is a handler with a method for each request of clients. Missing methods have defaults."""
+"""A server is a handler with a method for each request of clients. Methods that are missing have
+defaults.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -50,7 +52,7 @@ FREE = Query("free", reply=bool)
 
 
 class Grasping(Server[Grip, str]):
-    """Grasps for ten seconds, and waits in between."""
+    """A server that grasps for ten seconds, and waits in between."""
 
     def __init__(self) -> None:
         self.item = ""
@@ -76,7 +78,7 @@ class Grasping(Server[Grip, str]):
 
 
 class Holding(Server[Grip, str]):
-    """Replies when the test lets it."""
+    """A server that replies when the test lets it."""
 
     def __init__(self) -> None:
         self.owed: list[LaterReply[str]] = []
@@ -96,7 +98,7 @@ class Holding(Server[Grip, str]):
 
 
 class Walking(Server[int, None]):
-    """Has only the method for walking."""
+    """A server that has only the method for walking."""
 
     def initiated(self, task: Task, goal: int) -> None:
         task.sleep(goal)
@@ -111,7 +113,7 @@ class Singing(Server[None, None]):
         return True
 
 
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 @pytest.fixture
@@ -145,7 +147,7 @@ def test_sleeping_server_receives_requests(
 
 
 class Counting(Server[int, None]):
-    """Polls for requests and never blocks."""
+    """A server that polls for requests and never blocks."""
 
     def __init__(self) -> None:
         self.begun, self.until = threading.Event(), 0

@@ -1,4 +1,4 @@
-"""The session alone: scripted headers in, headers out."""
+"""The session alone. Tests hand it scripted headers, and compare the headers that it sends."""
 
 import msgspec
 import pytest
@@ -62,7 +62,7 @@ def greeting() -> Session:
 
 @pytest.fixture
 def session(greeting: Session) -> Session:
-    """A session that central has welcomed."""
+    """Return a session that central has welcomed."""
     greeting.send_due(0.0, 0.0)
     assert pop_headers(greeting) == [HELLO]
     receive(greeting, welcome())
@@ -115,7 +115,7 @@ def test_other_protocol_of_restarted_central_is_reported_once(
 def test_answers_are_matched_to_requests_by_number(session: Session) -> None:
     walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
     assert pop_headers(session) == [Send(2, "walk"), Send(3, "stance")]
-    receive(session, Accepted(3, 17))  # this is not the answer
+    receive(session, Accepted(3, 17))  # the acknowledgement is not the answer
     assert not stance.is_over
     session.receive(Answer(3), b"reply", 1.0)
     assert (walk.is_over, stance.is_over) == (False, True)
@@ -339,7 +339,7 @@ def test_delivery_is_queued_and_replied_to_once(session: Session) -> None:
 def test_reply_is_repeated_until_next_delivery_confirms_it(session: Session) -> None:
     receive(session, Deliver(8, "walk"), Unknown())
     session.reply(Reply(8), b"")
-    assert pop_headers(session) == []  # it waits while central is away
+    assert pop_headers(session) == []  # the reply waits while central is away
     receive(session, welcome())
     assert pop_headers(session) == [Reply(8)]
     receive(
@@ -367,7 +367,7 @@ def test_repeated_delivery_is_handled_once(session: Session) -> None:
 def test_killed_or_forgotten_task_is_cancelled_not_suspended(
     session: Session,
 ) -> None:
-    """Otherwise a handler that holds during the suspension of its task would never return."""
+    """A handler may pause while its task is suspended. Without this rule it would never return."""
     deliveries = session.open_deliveries
     receive(session, Deliver(7, "walk", TaskId(7)), Deliver(8, "walk"), Suspended(7, True))
     assert (deliveries.is_suspended(7), deliveries.is_cancelled(7)) == (True, False)
@@ -382,7 +382,7 @@ def test_killed_or_forgotten_task_is_cancelled_not_suspended(
 
 
 def granted_lock(session: Session) -> Request:
-    """A lock that central has granted."""
+    """Return a lock that central has granted."""
     (lock,) = send_requests(session, Lock(0, "legs"))
     receive(session, Answer(lock.header.number))
     return lock
@@ -440,7 +440,7 @@ def test_give_up_is_repeated_until_answered(session: Session, asked_for: ToCentr
     (early,) = send_requests(session, asked_for)
     given_up.abandon(session, early)  # the give-up is lost with the connection
     receive(session, Unknown())
-    given_up.abandon(session, session.request(asked_for, wants_answer=True))  # has never left
+    given_up.abandon(session, session.request(asked_for, wants_answer=True))  # was never sent
     receive(session, welcome())
     assert pop_headers(session) == [GiveUp(2, 3)]
     receive(session, Answer(3))
@@ -556,7 +556,7 @@ def test_read_only_questions_go_to_new_central(session: Session) -> None:
 
 
 def test_pending_handler_registration_is_left_to_redeclaration(session: Session) -> None:
-    """Otherwise they would be declared before the attachments."""
+    """A repeated registration would declare the handlers before the attachments."""
     (request,) = send_requests(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
     receive(session, Unknown(), welcome("two"))
     assert request.why_lost

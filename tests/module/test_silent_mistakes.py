@@ -62,7 +62,7 @@ def test_blocking_async_handler_is_warned_of_once(
 
 
 class RaisingHandler(logging.Handler):
-    """Raises instead of calling ``handleError``."""
+    """A log handler that raises instead of calling ``handleError``."""
 
     def emit(self, record: logging.LogRecord) -> None:
         raise OSError(f"no room for {record.msg:.20}")

@@ -1,4 +1,6 @@
-"""A handler sleeps: on a clock that the test steps, ended by a kill, without drift."""
+"""A handler sleeps on a clock that the test steps. A kill ends the sleep, and the clock does not
+drift.
+"""
 
 import threading
 
@@ -8,7 +10,7 @@ from tca_module import Client, Command, Module, Outcome, Task
 from tca_module.testing import LocalCentral
 
 WORK, OTHER = Command("work"), Command("other")
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 @pytest.fixture
@@ -95,7 +97,7 @@ def test_wait_until_checks_when_other_thread_wakes_it(
         has_come.set()
         tasks[0].wake()
         assert sent.wait(5) is Outcome.DONE
-    tasks[0].wake()  # does no harm later
+    tasks[0].wake()  # has no effect later
 
 
 def test_shielded_sleep_is_not_cut_short_by_kill(

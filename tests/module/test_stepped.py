@@ -1,5 +1,5 @@
-"""A central whose clock the test steps: it waits until all is quiet, and its transcript can be
-compared.
+"""A central whose clock the test steps. The central waits until all is quiet, so its transcript can
+be compared.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ WALK, STEP, REST = Goal("walk", int), Command("step", int), Command("rest")
 STEER, SAY, NEVER = Query("steer", int, reply=int), Inform("say", str), Query("never", reply=int)
 IS_LOW = Query("is low", reply=bool)
 BATTERY = PollingMonitor("battery", condition=IS_LOW, action=REST)
-STEPPED = True  # the clock of central
+STEPPED = True  # the tests step the clock of central
 
 
 def test_stepped_clock_stands_still_until_advanced(
@@ -105,7 +105,7 @@ def run_plan(central: LocalCentral) -> str:
 
 
 def test_transcript_matches_approved_text(central: LocalCentral, *, rewrite: bool) -> None:
-    """``pytest --rewrite`` rewrites the file: commit only differences that you can explain."""
+    """``pytest --rewrite`` rewrites the file. Commit only differences that you can explain."""
     approved = Path(__file__).parent / "stepped.txt"
     transcript = run_plan(central)
     if rewrite:
@@ -285,8 +285,8 @@ def test_wrong_clock_arguments_are_misuse(central: LocalCentral) -> None:
 
 
 def wake_order(central: LocalCentral) -> list[str]:
-    """The order in which two modules wake, each with three threads and a timer, when all sleeps
-    end together.
+    """Return the order in which threads wake when all sleeps end together. Each of two modules has
+    three threads and a timer.
     """
     order: list[str] = []
 

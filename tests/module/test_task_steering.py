@@ -1,4 +1,4 @@
-"""Tasks are steered by their senders, and extended by other modules."""
+"""Senders steer their tasks, and other modules extend these tasks."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -53,7 +53,7 @@ NOT_OF_KILLED = {"deadline", "retry", "fail"}
 
 
 class RestingLegs:
-    """Legs that rest until they may go on, and only observe failures."""
+    """Legs that rest until they may continue, and that only observe failures."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.module = Module("resting_legs", central)
@@ -152,7 +152,7 @@ BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
 
 
 class Expedition:
-    """A planner whose walk waits for the test, legs, and a watcher that finds the walk."""
+    """A planner with a walk that waits for the test, legs, and a watcher that finds the walk."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.central = central

@@ -1,4 +1,4 @@
-"""Tasks: their tree, order, results and failures, and the retained ones."""
+"""Tasks: their tree, order, results and failures, and retained tasks."""
 
 import operator
 import threading
@@ -115,7 +115,7 @@ def test_task_flags_become_constraints(robot: Robot, user: Client) -> None:
 
 
 def test_handler_constrains_its_own_points(robot: Robot, user: Client) -> None:
-    """The handler must have returned before the task that it plans is achieved."""
+    """The handler's own return is made to precede the achieving of its subtask."""
 
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
@@ -246,7 +246,7 @@ def test_unexpected_exception_fails_task_with_traceback(
 
 
 def test_unencodable_error_text_is_escaped(robot: Robot, user: Client) -> None:
-    """Python makes such texts of file names."""
+    """Python makes such texts from file names."""
 
     @robot.planner.handles(REST)
     def rest(_: Task) -> None:

@@ -1,5 +1,5 @@
-"""mypy finds each mistake in ``mistakes.py`` and no other, with helpful messages. In strict mode it
-reports each unneeded ``type: ignore``, so each mistake must be found.
+"""mypy finds each mistake in ``mistakes.py`` and no other, with helpful messages. Each mistake has
+a ``type: ignore``. Strict mypy reports an unneeded one, so each mistake must be found.
 """
 
 import inspect

@@ -22,7 +22,7 @@ QUICK, SLOW, FAILS = Command("quick"), Command("slow"), Command("fails")
 
 @pytest.fixture
 def release() -> threading.Event:
-    """Ends the slow tasks."""
+    """Return the event that ends the slow tasks."""
     return threading.Event()
 
 

@@ -1,4 +1,4 @@
-"""A handler waits again and again while central is away: it keeps its period, and gives up once."""
+"""A handler waits again and again while central is away. It keeps its period, and gives up once."""
 
 from collections.abc import Iterator
 
@@ -26,7 +26,7 @@ class Loop:
         self.due = self.central.now
 
     def turn(self, works: float = 0.0, *, reports: bool = False, waits: float = PERIOD) -> float:
-        """Work, wait until the next due time, and return by how much the wait ended late."""
+        """Work, then wait until the next due time. Return by how much the wait ended late."""
         self.due = max(self.due, self.central.now + works) + waits
         self.central.now += works
         if reports:
@@ -84,7 +84,7 @@ def test_cleanup_after_central_lost_has_patience_again(loop: Loop) -> None:
 
 @pytest.mark.parametrize("works", [0.3, 20.0])
 def test_present_central_is_never_lost(loop: Loop, works: float) -> None:
-    loop.central.now += 29  # it had nothing to send
+    loop.central.now += 29  # central had nothing to send
     assert loop.turn(works) == pytest.approx(0)
     assert max(loop.turns(8 * works + PATIENCE, works=works)) == pytest.approx(0)
 

@@ -1,9 +1,9 @@
-"""Every way to wait: central shows it, the tools list it, the check accepts it, and deadlocks
+"""Every way to wait: central shows the wait, the tools list it, the check accepts it, and deadlocks
 through it are found.
 
-``WAYS`` has one row for each, and a new way to wait needs a row. Left out are ``sleep``,
-``wait_until`` without ``on``, and waits for a client's request. They count as a handler's own work
-(decision 103).
+``WAYS`` has one row for each way, and a new way to wait needs a row. Left out are ``sleep``,
+``wait_until`` without ``on``, and waits for a client's request. These three count as a handler's
+own work (decision 103).
 """
 
 import threading
@@ -59,7 +59,7 @@ def _mission(on: "Stage") -> None:
 
 
 class Nothing(OnceTask[Environment]):
-    """A server offers at least one task."""
+    """The one task that a server must offer."""
 
     def iterate(self) -> None:
         pass
@@ -73,7 +73,7 @@ class Way:
     wait: Callable[["Stage"], Any]
     kind: WaitKind
     target: str = "other"
-    closes: bool = True  # it may close a cycle
+    closes: bool = True  # the wait may close a cycle
     is_async: bool = False
 
 
@@ -110,8 +110,8 @@ WAYS = [
 
 
 class Stage:
-    """A handler waits in one *way* for another handler, which waits for the test or for a reply of
-    the first module.
+    """A handler that waits in one way for another handler. The other handler waits for the test, or
+    for a reply of the first module.
     """
 
     task: Task
@@ -131,7 +131,7 @@ class Stage:
 
     @contextmanager
     def waits(self, user: Client) -> Iterator[SentTask[None]]:
-        """In this block the handler waits."""
+        """Run a block while the handler waits."""
         with self.offering.running(), self.server.running(), self.waiter.running():
             waiting = user.command(WAIT)
             try:
@@ -167,7 +167,7 @@ class Stage:
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A coroutine reports its wait soon."""
+    """Let coroutines report their waits soon."""
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.02)
 
 

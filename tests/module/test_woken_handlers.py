@@ -1,5 +1,5 @@
-"""A handler whose work is void is woken from any wait, once, and may then clean up: on real
-sockets.
+"""A handler whose work is void is woken once from any wait. It may then clean up. The tests use
+real sockets.
 """
 
 import queue
@@ -62,8 +62,8 @@ WAITS: dict[str, Callable[[Task], object]] = {
 
 
 class Robot:
-    """A handler that waits in each way, and modules that let it wait. *seen* holds
-    the exception of its wait, and the answer to its query afterwards.
+    """A handler that waits in each way, and modules that let it wait. ``seen`` holds the exception
+    of its wait, and the answer to its query afterwards.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -111,7 +111,9 @@ class Robot:
 
     @contextmanager
     def working(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
-        """A command with this handler in the legs. The handler has begun."""
+        """Send a command that the legs handle with *handler*. Yield the command when the handler
+        has begun.
+        """
         work, begun = Command("work"), threading.Event()
 
         def begin(task: Task) -> Any:
@@ -247,8 +249,8 @@ def test_handler_that_saw_cancellation_is_not_woken(robot: Robot) -> None:
 def test_module_end_wakes_killed_handler_that_waits_again(
     robot: Robot, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The module's end is a second reason and wakes the handler again. It was killed, and has
-    not failed.
+    """The module's end is a second reason to wake the handler. The handler's task was killed, so it
+    has not failed.
     """
 
     def work(task: Task) -> None:
@@ -291,7 +293,9 @@ def test_abandoned_replies_are_over_after_kill(robot: Robot) -> None:
 
 
 def test_kill_does_not_wake_nested_handler(robot: Robot) -> None:
-    """The inner handler works for itself. The outer one is woken only after it."""
+    """The inner handler works for its own message. The outer handler is woken only after the inner
+    one.
+    """
     inner, answered = Query("inner", reply=str), threading.Event()
 
     @robot.legs.handles(inner, resource="wheels")
@@ -339,7 +343,7 @@ def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
     "waits", [lambda task: task.query(UNHANDLED, timeout=None), lambda task: task.lock("arm")]
 )
 def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any]) -> None:
-    """It is not cancelled as well: the exception suffices."""
+    """The coroutine is not cancelled as well, because the exception suffices."""
 
     async def work(task: Task) -> None:
         try:

@@ -1,4 +1,4 @@
-"""The whole robot in one process, on a stepped clock, so each seed always gives the same run."""
+"""The whole robot in one process, on a stepped clock, so that a seed always gives the same run."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -28,7 +28,7 @@ LONG = 2000.0
 def office(
     world: OfficeWorld, layers: tuple[MakeModule, ...] = LAYERS
 ) -> Iterator[tuple[LocalCentral, Client]]:
-    """Run all modules in an open lab, and a client; the caller steps the clock."""
+    """Run all modules in an open lab, and a client. The caller steps the clock."""
     modules = [simulator.make_module(world, 1.0), *(make(1.0) for make in (*WALKING, *layers))]
     with ExitStack() as stack:
         central = stack.enter_context(LocalCentral(stepped=True))
@@ -45,7 +45,7 @@ def run_until_clean(
     look: Callable[[Client, LabScene], None],
     layers: tuple[MakeModule, ...] = LAYERS,
 ) -> tuple[LocalCentral, LabScene]:
-    """Run until no cup is left; *look* is called every second."""
+    """Run until no cup is left. Call *look* every second."""
     with office(world, layers) as (central, user):
         keeping = user.goal(KEEP_FLOOR_FREE)
         central.until_quiet()  # else the client's query races with the goal's messages

@@ -18,11 +18,13 @@ from tca_module import Client, TaskFailed
 SHIFT = 150.0
 SEEDS = [1, 3, pytest.param(4, marks=pytest.mark.soak)]
 NOTICED = 6.0
-"""Seconds within which the goal of a vanished cup must end: three pictures, a poll, a grasp."""
+"""Seconds within which the goal of a vanished cup must end: the time of three pictures, a poll and
+a grasp.
+"""
 
 
 class ShiftObserver:
-    """Checks the invariants every second."""
+    """An observer that checks the invariants every second."""
 
     def __init__(self) -> None:
         self.most_goals = 0
@@ -44,7 +46,7 @@ class ShiftObserver:
 
 @cache
 def shift(seed: int) -> tuple[str, LabScene, int]:
-    """A whole shift: its transcript, its last scene, and the greatest number of goals."""
+    """Run a whole shift. Return its transcript, its last scene and the greatest number of goals."""
     observer = ShiftObserver()
     central, scene = run_until_clean(OfficeWorld(seed, SHIFT), observer.look)
     return central.transcript(), scene, observer.most_goals
@@ -62,7 +64,7 @@ def test_each_cup_ends_in_the_bin_or_is_taken(seed: int) -> None:
 
 
 def test_goals_are_cancelled_when_their_cups_vanish() -> None:
-    """Also a goal that waits for its turn and has no running task."""
+    """A goal that waits for its turn, and has no running task, is cancelled, too."""
     transcript, scene, _ = shift(1)
     cancelled = re.findall(r"killed: collect cup \{(\d+)\}: cup \d+ is out of view", transcript)
     assert 2 <= len(cancelled) <= len(the(scene, CupState.TAKEN))
@@ -172,7 +174,7 @@ def test_cup_of_a_killed_goal_is_put_down_and_collected_later() -> None:
 
 @pytest.mark.parametrize("without", [vanished_cups, battery, grasps])
 def test_office_robot_does_not_import_its_layers(without: object) -> None:
-    """Without a layer the robot continues, but worse: it drives to vanished cups, stops, or fails
+    """Without a layer the robot continues, but worse. It drives to vanished cups, stops, or fails
     at a slip.
     """
     layers = tuple(make for make in LAYERS if make.__module__ != getattr(without, "__name__", ""))

@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[2].joinpath("docs/office.md").read_text()
 
 
 def count(svg: str, look: str) -> int:
-    """Number of drawn elements of a kind, without the legend."""
+    """Return the number of drawn elements of a kind, without the legend's."""
     return svg.count(f'class="{look}"') - 1
 
 

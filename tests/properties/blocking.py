@@ -1,6 +1,4 @@
-"""Random lives of modules whose handlers block while they wait, in all ways in which a handler can
-block.
-"""
+"""Random lives of modules with handlers that block while they wait, in all ways that exist."""
 
 from collections.abc import Mapping
 from typing import Self
@@ -31,7 +29,7 @@ Steps = list[tuple[str, int, int, int]]
 
 
 class Blocking(Player):
-    """Modules whose handlers do nothing while they wait."""
+    """A player of modules whose handlers do nothing while they wait."""
 
     handled: Mapping[str, tuple[str, ...]] = HANDLED
 
@@ -45,7 +43,7 @@ class Blocking(Player):
         self.hello("operator")
 
     def live(self, taken: Steps) -> Self:
-        """Take steps, of a second each."""
+        """Take steps of a second each."""
         for step in taken:
             self.do(*step)
             self.tick(1.0)
@@ -59,7 +57,7 @@ class Blocking(Player):
         return free_handlers(self.central)
 
     def do(self, operation: str, a: int, b: int, c: int) -> None:
-        """One handler, or the user, does something."""
+        """Let one handler, or the user, do something."""
         free, tasks = self.free(), [*self.central.tree.tasks.values()]
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
@@ -109,8 +107,8 @@ class Blocking(Player):
             self._steer(operation, a, b, c)
 
     def _await(self, operation: str, b: int, c: int) -> None:
-        """A coroutine sends more queries and awaits the first answer; or a timeout ends one of its
-        waits.
+        """Let a coroutine send more queries and await the first answer, or end one of its waits by
+        a timeout.
         """
         coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
         if not coroutines:
@@ -130,7 +128,9 @@ class Blocking(Player):
     def _wait_for(
         self, sender: str, by: Delivery | None, tasks: list[Task], operation: str, *, is_below: bool
     ) -> None:
-        """Wait for the first change of tasks or their descendants; or for the first end."""
+        """Wait for the first change of *tasks* or of their descendants (operation "follow"), or for
+        the first end of *tasks* (operation "any").
+        """
         asked, origin = [], by.handling_id if by else 0
         for task in tasks:
             number, place = self.number(sender), point(task.id, Moment.END_ACHIEVING)
@@ -150,11 +150,11 @@ class Blocking(Player):
         self.receive(sender, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
 
     def blocks(self, by: Delivery | None) -> bool:
-        """Whether the thread of a handler waits with it."""
+        """Whether a wait of a handler also blocks the handler's thread."""
         return by is None or not is_coroutine(by)
 
     def _steer(self, operation: str, a: int, b: int, c: int) -> None:
-        """The operator steers tasks; it never waits."""
+        """Let the operator steer tasks. The operator never waits."""
         tasks = [TaskId(task) for task in self.central.tree.tasks]
         if not tasks:
             return
@@ -178,7 +178,7 @@ class Blocking(Player):
             free = self.free()
             for claim in list(
                 self.central.claims.values()
-            ):  # every lock holder that can releases its lock
+            ):  # each lock holder that waits for nothing releases its lock
                 if claim.is_granted and (
                     claim.holder in free or not (claim.holder or claim.slot.waits)
                 ):
@@ -194,8 +194,8 @@ def is_coroutine(delivery: Delivery) -> bool:
 
 
 def free_handlers(central: Central) -> list[Delivery]:
-    """The deliveries of handlers that wait for nothing: the newest of each slot, and every
-    coroutine.
+    """Return the deliveries of handlers that wait for nothing. Candidates are the newest delivery
+    of each slot, and every coroutine.
     """
     attended = central.dispatcher.running.values()
     newest = {delivery.slot: delivery for delivery in attended}
@@ -204,8 +204,8 @@ def free_handlers(central: Central) -> list[Delivery]:
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:
-    """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of
-    several.
+    """Whether a handler waits. A coroutine waits for one of several answers; the thread of any
+    other handler blocks for one.
     """
     return any(
         wait.origin == delivery.handling_id

@@ -7,7 +7,7 @@ from tca_tools.journal.fold import History
 
 
 class Folding(Player):
-    """Folds every entry; ``compare`` then checks that the fold and central agree."""
+    """A player that folds every entry. ``compare`` then checks that the fold and central agree."""
 
     history: History
 
@@ -24,7 +24,7 @@ class Folding(Player):
 
 
 class FoldedPlayer(Folding):
-    """Folds without a comparison and without the invariants of central."""
+    """A player that folds, but neither compares nor checks central's invariants."""
 
     def __init__(self) -> None:
         super().__init__(check=False)

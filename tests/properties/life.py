@@ -1,4 +1,4 @@
-"""Random lives: numbers become operations that a module could do now."""
+"""Random lives of a robot. Numbers become operations that some module could do at that time."""
 
 import random
 from typing import Any, Self
@@ -86,11 +86,15 @@ operations = st.lists(operation, max_size=lives(60, soak=200))
 Operations = list[tuple[str, int, int, int, int]]
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
 CROWDED, CONNECTIONS, ASIDES = 50, 20, 40
-"""The limits of a long life: tasks and messages, connections, attachments and taps."""
+"""The limits of a long life: for tasks with queued messages, for connections, and for attachments
+with taps.
+"""
 
 
 class Life:
-    """Turns numbers into operations that a module could do now."""
+    """A life of random operations. Numbers become operations that some module could do at that
+    time.
+    """
 
     modules = MODULES
     messages = MESSAGES
@@ -126,7 +130,7 @@ class Life:
         )
 
     def copies_of(self, message: str) -> set[int]:
-        """The deliveries of a message with several receivers."""
+        """Return the delivery ids of all messages with this name."""
         sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
         return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
 
@@ -136,7 +140,9 @@ class Life:
         return self
 
     def go_on(self, seed: int, events: int) -> None:
-        """A long life: *events* more. A crowded life ends more tasks than it begins."""
+        """Live on for *events* more events of central. While the life is crowded, operations that
+        begin something are replaced by operations that end tasks.
+        """
         dice, end = random.Random(seed), self.central.event_count + events
         while self.central.event_count < end:
             name = dice.choice(self.operations)
@@ -156,7 +162,7 @@ class Life:
             self.do(name, *(dice.randrange(1001) for _ in range(4)))
 
     def crowd(self) -> int:
-        """The number of tasks and queued messages."""
+        """Return the number of tasks and queued messages."""
         registry = self.central.registry
         resources = [
             resource
@@ -220,7 +226,7 @@ class Life:
         return Player.format(self.messages[b % len(self.messages)]).name
 
     def seconds(self, number: int) -> float:
-        """A delay of that many seconds."""
+        """Return a delay of *number* seconds."""
         return float(number)
 
     @staticmethod
@@ -258,7 +264,9 @@ class Life:
         self.player.request("user", header, *fields, body=b"\x08", **options)
 
     def task(self, a: int) -> TaskId | None:
-        """A living task, or sometimes a number that may belong to an ended one."""
+        """Return a living task, or for one *a* in 13 a recent task that may have ended. None
+        without tasks.
+        """
         tasks = list(self.central.tree.tasks)
         if a % 13 == 12:
             return TaskId(max(1, self.central.tree.newest - a % 5))
@@ -307,7 +315,7 @@ class Life:
         if handler is not None and handler.slot is not None:
             name = handler.slot.id.decode()
             path = list(trouble_of(handler).failing.lineage())
-            task = TaskId(path[c % len(path)].id) if d % 4 else task  # a task that it may retry
+            task = TaskId(path[c % len(path)].id) if d % 4 else task  # that it may retry
         if task:
             self.player.request(name, headers.Retry, task, b % 2 == 0, body=b"\x08")
 
@@ -344,7 +352,7 @@ class Life:
         options, name = self.watch_options(a, b, c, waited_for=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
         running, origin = list(self.central.dispatcher.running.values()), 0
-        if running and d % 3 == 2:  # sent by a handler, under any task or under its cause
+        if running and d % 3 == 2:  # sent by a handler, under a cause of its call or any task
             handled = running[b % len(running)]
             origin, living = (
                 handled.handling_id,
@@ -371,7 +379,7 @@ class Life:
         )
 
     def causes(self, handled: Delivery) -> list[int]:
-        """The tasks that may have caused the call of a handler."""
+        """Return the tasks that may have caused the call of a handler."""
         if handled.role is Role.LISTENER:
             return [listener_cause(handled).tapped.task]
         if isinstance(handled, Task):
@@ -413,7 +421,7 @@ class Life:
             self.request(headers.EndMonitor, TaskId(monitors[a % len(monitors)].id))
 
     def keep_(self, a: int, b: int, *_: int) -> None:
-        """A module retains a task, or an ended task that central still retains."""
+        """Let a module retain a living task, or an ended one that central still retains."""
         tasks, names = [*self.central.tree.tasks, *self.central.memory.kept], self.connections()
         if tasks:
             name = names[b % len(names)]
@@ -465,7 +473,7 @@ class Life:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
 
     def fetch_(self, a: int, b: int, *_: int) -> None:
-        """A connection waits for the reply to one of its requests."""
+        """Let a connection wait for the reply to a request that the connection has sent."""
         names = self.connections()
         name = names[a % len(names)]
         number = 1 + b % (self.player.numbers.get(name, 0) + 1)
@@ -515,7 +523,7 @@ class Life:
             self.player.receive(others[a % len(others)], headers.Bye())
 
     def unregister_(self, a: int, b: int, *_: int) -> None:
-        """A module stays connected, but no longer handles one of its messages."""
+        """Let a module stay connected, but no longer handle one of its messages."""
         if handling := [
             module for module in self.central.registry.modules.values() if module.handlers
         ]:

@@ -1,5 +1,5 @@
-"""Random lives in which clients and handlers request transitions of tasks: possible, impossible and
-late ones.
+"""Random lives in which clients and handlers request transitions of tasks. Some of these
+transitions are impossible, and some requests are late.
 """
 
 from typing import Any, NamedTuple
@@ -26,11 +26,13 @@ HANDLER_OPTIONS: list[dict[str, Any]] = [
     {"takes": ["update"], "refuses": ["cancel"]},
     {"refuses": ["update", "cancel"]},
 ]
-"""The options of a module's handlers; each run of a module has the next ones."""
+"""The options of a module's handlers. Each module that joins takes the next row."""
 
 
 class AskedChange(NamedTuple):
-    """A requested change, with the state of the task just before it."""
+    """A requested change of a task's state: the request, the handlers at that time, and central's
+    answer.
+    """
 
     task: TaskId
     name: str
@@ -40,16 +42,17 @@ class AskedChange(NamedTuple):
     takes: tuple[str, ...] | None
     """The transitions that the task's handler receives (None: no handler has the task)."""
     refuses: tuple[str, ...]
-    """The refused transitions of the current handler, and of the next one."""
+    """The transitions that the task's present handler refuses."""
     refuses_next: tuple[str, ...]
+    """The transitions that the newest handler of the task's message refuses."""
     answer: Any
     facts: list[Fact]
     entries: int
-    """The number of journal entries before it."""
+    """The number of journal entries before the request."""
 
 
 class LifeOfStates(Life):
-    """A life with changes of states, and an observer of all, which joins first."""
+    """A life with changes of states. The user observes all tasks from the start."""
 
     operations = OPERATIONS + ["change"] * 24 + ["handler"] * 16
     busy: tuple[Busy, ...] = (Busy.QUEUE,)
@@ -64,11 +67,13 @@ class LifeOfStates(Life):
 
     @staticmethod
     def life_cycle(message: str) -> LifeCycle | None:
-        """The life cycle of a message, if it is not the general one."""
+        """Return the life cycle of a message; None for the general one."""
         return LIFE_CYCLES.get(message)
 
     def join(self, module: str) -> None:
-        """Join with options for the handlers of tasks; those with the basic life cycle have none."""
+        """Join with options for the handlers of tasks. Handlers of "step" receive and refuse no
+        transition, because its life cycle is the basic one.
+        """
         self.generation += 1
         name = f"{module}{self.generation}"
         self.player.hello(name)
@@ -94,7 +99,7 @@ class LifeOfStates(Life):
             self.player.receive("user", headers.GiveUp(number))
 
     def change_(self, a: int, b: int, c: int, d: int) -> None:
-        """A client requests a change; it may be a handler of another task."""
+        """Request a change as a client: the user, or the handler of another delivery."""
         if (number := self.task(a)) is not None:
             others = [
                 one
@@ -110,7 +115,7 @@ class LifeOfStates(Life):
             self._ask(name, origin, number, Party.CLIENT, b, c, d)
 
     def handler_(self, a: int, b: int, c: int, d: int) -> None:
-        """The handler of a task changes its state."""
+        """Request a change as the handler of the task."""
         running = [
             one
             for one in self.central.dispatcher.running.values()
@@ -124,7 +129,7 @@ class LifeOfStates(Life):
     def _ask(
         self, connection: str, origin: int, number: TaskId, by: Party, b: int, c: int, d: int
     ) -> None:
-        self.player.tick(1.0)  # due timers come first
+        self.player.tick(1.0)  # timers that are due fire before the request
         self.player.time -= 1.0
         task = self.central.tree.tasks.get(number)
         names = ["fly"]
@@ -174,7 +179,7 @@ class LifeOfStates(Life):
         )
 
     def seen(self) -> list[StateChange]:
-        """All changes that the observer has received, oldest first."""
+        """Return all changes that the observer has received, oldest first."""
         return [
             msgspec.msgpack.decode(body, type=StateChange)
             for header, body in self.player.inbox["user"]

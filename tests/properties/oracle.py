@@ -4,16 +4,16 @@ It is written from the semantics and docs/decisions, and shares no rule with tca
 agendas, counters, heaps or tickets. Tasks are plain records, constraints a list of pairs of points,
 timers a list of times.
 
-The oracle gets the same events as central. After each event it tries every rule on every task until
-nothing moves: this gives the points that are reached. Then it determines which tasks and messages
-may start, and which is next at each resource. Central must have reached the same points and
-answered the same waits. It must have delivered in the order of priority and arrival, and sent
-nothing else.
+The oracle gets the same events as central. After each event the oracle tries every rule on every
+task until no rule changes anything: then all points are reached that may be. Next, the oracle
+determines which tasks and messages may start, and which one is next at each resource. Central must
+have reached the same points and answered the same waits. Central must also have delivered in the
+order of priority and arrival, and sent nothing else.
 
-The rules leave some choices open. The oracle takes these from central (``Seen``): ids of messages
-that central makes, the order of equal arrivals, and the slot. It also accepts what central calls a
-deadlock; test_deadlocks.py judges deadlocks. A request that central refuses is not judged, and
-changes nothing.
+The rules leave some choices open: ids of messages that central makes, the order of equal arrivals,
+and the slot. The oracle takes these choices from central (``Seen``). The oracle also accepts each
+deadlock that central reports; test_deadlocks.py judges deadlocks. If central refuses a request, the
+oracle does not judge the refusal, and changes nothing.
 
 Lives for the oracle have no variables and no pending limits; transcripts/pending_limits.txt holds
 the rules of displacement. No two timers are due at the same time.
@@ -69,12 +69,14 @@ STEPS = (
 
 
 class Oracle:
-    """Judges each event with the effects that central had; raises Disagreement if they are wrong."""
+    """A judge of central. It raises Disagreement if central's effects for an event differ from the
+    oracle's own.
+    """
 
     def __init__(self) -> None:
         self.world = World()
-        self.reached: dict[int, int] = {}  # by living task, according to central
-        self.claimed: dict[int, bool] = {}  # by claim: granted or pending, according to central
+        self.reached: dict[int, int] = {}  # moments, by living task, according to central
+        self.claimed: dict[int, bool] = {}  # by claim: whether it is granted, according to central
         self.queued: dict[int, int] = {}  # by delivery: the queued message, according to central
 
     def judge(self, event: Event, effects: list[Effect]) -> None:
@@ -150,7 +152,7 @@ class Oracle:
                 del world.waits[key]
 
     def _compare_claims(self, seen: Seen) -> None:
-        """Compare granted and pending claims, and the answers to those granted."""
+        """Compare the granted and pending claims, and the answers to the granted ones."""
         for fact in seen.facts:
             if isinstance(fact, facts.Claimed | facts.Granted):
                 self.claimed[fact.id] = isinstance(fact, facts.Granted)
@@ -216,7 +218,9 @@ class Oracle:
             oracle_slots.wait(self.world, job)
 
     def _checked_origin(self, connection: str, origin: int) -> int:
-        """The delivery whose handler asks; 0 if that handler is another module's."""
+        """Return *origin*, the delivery whose handler sent the request; 0 if that handler runs in
+        another module.
+        """
         modules = self.world.modules
         owners = [
             modules[job.slot]
@@ -228,8 +232,8 @@ class Oracle:
     # --- sending ----------------------------------------------------------------------------------
 
     def send(self, connection: str, header: headers.Send, body: bytes) -> None:
-        """Central has accepted a message. It gives the id, except for *if handled* and *when
-        killed*.
+        """Send a message that central has accepted. Central has assigned an id, except to a
+        termination message and to an *if handled* message without a handler.
         """
         world = self.world
         kind = world.kinds[header.message]
@@ -325,7 +329,7 @@ class Oracle:
         return job
 
     def replies(self, connection: str, header: headers.Replies, body: bytes) -> None:
-        """Each run but the first started when the run before it had returned."""
+        """Apply several replies in turn. Each later run started when the run before it returned."""
         at = 0
         for run in header.ended:
             if at:
@@ -442,7 +446,7 @@ class Oracle:
             oracle_failures.resolve(node)
 
     def _unkilled(self, task: int) -> Node | None:
-        """A living task that is not killed."""
+        """Return a living task that is not killed; None otherwise."""
         node = self.world.nodes.get(task)
         return node if node is not None and not node.killed else None
 
@@ -512,4 +516,4 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Fire: Oracle.fire,
     headers.EndMonitor: Oracle.end_monitor,
 }
-"""One row per message that the oracle understands."""
+"""The method for each header that the oracle judges."""

@@ -8,7 +8,7 @@ from properties.oracle_records import SH, STARTS, Attachment, Ending, Node, Trou
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Condition, Role, Scope
 
-MOST_NESTED = 8  # calls of one attachment inside one another
+MOST_NESTED = 8  # nested calls of one attachment
 UNINTENDED_FAILURES = {
     "module lost",
     "handler error",
@@ -25,7 +25,9 @@ UNINTENDED_FAILURES = {
 
 
 def kill(world: World, node: Node) -> None:
-    """End a task and its descendants, except exception handlers and termination messages."""
+    """End a task and its descendants. Exception handlers, termination messages and cancel messages
+    of monitors below the task live on.
+    """
     killed = [one for one in _killed_with(world, node) if not one.killed]
     for one in killed:
         one.killed = True
@@ -65,7 +67,7 @@ def _clean_up_after_kill(world: World, node: Node) -> None:
 
 
 def end(world: World, ending: Ending) -> None:
-    """Carry out a requested kill whose point is reached."""
+    """Carry out a requested kill, now that its point is reached: at once, or after its delay."""
     if ending.delay:
         oracle_rules.set_alarm(world, ending.delay, ending.node, ending=ending)
         return
@@ -100,7 +102,7 @@ def suspend(world: World, node: Node, *, resume: bool) -> None:
 
 
 def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> None:
-    """The handler of a task has failed."""
+    """Apply the failure of a task's handler."""
     if node.killed:
         node.returned = True
     elif node.again:
@@ -112,15 +114,15 @@ def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> N
 
 
 def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
-    """A failure is raised on a task, whatever its handler does."""
+    """Raise a failure on a task. The task's handler is not affected."""
     _search(world, node, names)
 
 
 def _search(
     world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None
 ) -> Node | None:
-    """Call the next matching exception handler. Without one, kill the top-level task and return
-    None.
+    """Call the next matching exception handler, and return it. Without one, kill the top-level
+    task, or skip the exception handler in which the failure happened; then return None.
     """
     around = _nearest_exception_handler(node)
     known = around.failing if around else after
@@ -151,12 +153,14 @@ def _search(
 
 
 def _nearest_exception_handler(node: Node) -> Node | None:
-    """The nearest exception handler from a task up."""
+    """Return the nearest exception handler among a task and its ancestors."""
     return next((above for above in node.lineage() if above.role is Role.EXCEPTION), None)
 
 
 def _skip(world: World, handler: Node) -> None:
-    """An exception handler could not decide: the search continues, unless it had decided before."""
+    """Kill an exception handler that could not decide. The search continues after this handler,
+    unless the handler had decided before.
+    """
     assert handler.failing is not None
     had_decided, handler.void = handler.void, True
     kill(world, handler)
@@ -166,8 +170,8 @@ def _skip(world: World, handler: Node) -> None:
 
 
 def skip_stranded(world: World) -> bool:
-    """Skip queued exception handlers that no module handles any more, oldest arrival first. Returns
-    whether any was skipped.
+    """Skip the queued exception handlers that no module handles any more, oldest arrival first.
+    Return whether any was skipped.
     """
     world.spared &= stranded(world)
     if not (due := stranded(world) - world.spared):
@@ -182,7 +186,7 @@ def skip_stranded(world: World) -> bool:
 
 
 def stranded(world: World) -> set[Node]:
-    """The queued exception handlers that no module handles."""
+    """Return the queued exception handlers that no module handles."""
     waiting = {
         node for node in world.nodes.values() if node.waiting and node.role is Role.EXCEPTION
     }
@@ -192,8 +196,9 @@ def stranded(world: World) -> set[Node]:
 def _candidates(
     world: World, node: Node, after: Trouble | None
 ) -> Iterator[tuple[Node, Attachment]]:
-    """From the failing task up: its own exception handlers, then those of its message, newest
-    first. With *after*: only the ones after it.
+    """Walk from the failing task up to the root. At each task, yield its own attachments, then
+    those of its message, newest first. With *after*, yield only the attachments after the one of
+    *after*.
     """
     for at in [*node.lineage(), world.root]:
         own = sorted(at.attached, key=lambda one: -one.id)
@@ -209,7 +214,9 @@ def _candidates(
 
 
 def reissue(world: World, handler: Node) -> None:
-    """An exception handler cannot deal with its failure."""
+    """End an exception handler that has reissued its failure. The search continues, unless the
+    handler had decided before.
+    """
     had_decided, handler.void = handler.void, True
     if not had_decided:
         _continue_search(world, handler)
@@ -230,7 +237,7 @@ def _continue_search(world: World, handler: Node) -> None:
 
 
 def handler_ended(world: World, handler: Node) -> None:
-    """An exception handler has ended with all its descendants."""
+    """Apply the end of an exception handler with all its descendants."""
     assert handler.failing is not None
     node = handler.failing.node
     if handler.void or node.killed:
@@ -242,7 +249,9 @@ def handler_ended(world: World, handler: Node) -> None:
 
 
 def resolve(handler: Node) -> None:
-    """An exception handler has dealt with its failure, if it ends well."""
+    """Mark the failure of an exception handler as resolved. The mark counts when the handler ends,
+    unless the handler is void by then.
+    """
     assert handler.failing is not None
     handler.resolved |= not (
         handler.void or handler.again or handler.killed or handler.failing.node.killed
@@ -257,7 +266,9 @@ def retry(world: World, node: Node) -> None:
 
 
 def retry_now(world: World, node: Node, connection: str) -> None:
-    """A retry is requested: the task's descendants end first, except foreign monitors."""
+    """Carry out a requested retry. The task's descendants end first, except foreign monitors. A
+    task that has not started only fires its *before* taps again.
+    """
     node.resolved = False
     at_work = [one for one in world.everything() if one.slot == connection]
     found = max(at_work, key=lambda one: one.turn, default=None)

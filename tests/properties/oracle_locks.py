@@ -1,9 +1,9 @@
-"""The rules of locks and reservations: when a claim is granted, what it keeps out, when it ends.
+"""The rules of locks and reservations: when a claim is granted and ends, and what it keeps out.
 
-A claim waits in one line with the messages, until its resource is empty except for its own handler.
-The oracle looks for no deadlocks; test_deadlocks.py judges them. If central calls a deadlock, the
-refused wait ends as if its sender had given up. The claim that it takes away ends the same way. The
-failure that it raises counts as raised by another module.
+A claim waits in one line with the messages, until no slot of its resource is busy except the slot
+that claims. The oracle looks for no deadlocks; test_deadlocks.py judges them. Central ends a
+deadlock in one of three ways. If central refuses a wait or takes a claim away, the oracle ends the
+wait or claim as if its sender had given up. If central raises a failure, the oracle raises it, too.
 """
 
 from properties import oracle_failures, oracle_slots
@@ -13,11 +13,13 @@ from tca_wire.journal import facts
 from tca_wire.packets import headers
 
 INSIDE = float("inf")
-"""The priority of a claim by a handler in that resource: all others wait for this handler."""
+"""The priority of a claim by a busy slot of the claimed resource. All other messages and claims
+there wait for the handler in that slot.
+"""
 
 
 def lock(world: World, connection: str, header: headers.Lock) -> None:
-    """A connection wants a resource; central says which one that is."""
+    """Add the claim of a connection. Central's fact says which resource is claimed."""
     fact = next(fact for fact in world.seen.facts if isinstance(fact, facts.Claimed))
     holders = [
         job
@@ -46,20 +48,20 @@ def lock(world: World, connection: str, header: headers.Lock) -> None:
 
 
 def busy_slots(world: World, resource: tuple[str, str]) -> set[str]:
-    """The busy slots of a resource."""
+    """Return the busy slots of a resource."""
     ours = {slot for slot, its_resource in world.slots.items() if its_resource == resource}
     return ours - oracle_slots.free_slots(world).get(resource, set())
 
 
 def granted_claim(world: World, resource: tuple[str, str]) -> Claim | None:
-    """The granted claim of a resource."""
+    """Return the granted claim of a resource, if there is one."""
     return next(
         (claim for claim in world.claims if claim.resource == resource and claim.granted), None
     )
 
 
 def pending_claims(world: World, resource: tuple[str, str]) -> list[Claim]:
-    """The pending claims of a resource without a granted one."""
+    """Return the pending claims of a resource; none while a claim of the resource is granted."""
     return (
         []
         if granted_claim(world, resource)
@@ -68,7 +70,9 @@ def pending_claims(world: World, resource: tuple[str, str]) -> list[Claim]:
 
 
 def admits(world: World, job: Job, resource: tuple[str, str]) -> bool:
-    """Whether neither a lock nor a reservation keeps a message out."""
+    """Whether a resource may handle a message: no lock, and no reservation for another module,
+    keeps the message out.
+    """
     claim = granted_claim(world, resource)
     return claim is None or (claim.reserves and claim.module == job.module)
 
@@ -80,7 +84,7 @@ def is_locked(world: World, resource: tuple[str, str]) -> bool:
 
 
 def may_be_granted(world: World, claim: Claim) -> bool:
-    """Whether the claimed resource is empty, except for the claim's sender."""
+    """Whether no slot of the claimed resource is busy, except the claim's sender."""
     return busy_slots(world, claim.resource) <= {claim.sender}
 
 
@@ -88,36 +92,36 @@ def may_be_granted(world: World, claim: Claim) -> bool:
 
 
 def end_for(world: World, job: Job) -> None:
-    """Claims of a task or message end with it."""
+    """End the claims of a task or message that has ended."""
     world.claims = [claim for claim in world.claims if claim.holder is not job]
 
 
 def killed(world: World, node: Node) -> None:
-    """A killed task gets no further claim; it keeps its granted ones while its handler runs."""
+    """Drop the pending claims of a killed task. Its granted claims last while its handler runs."""
     world.claims = [
         claim for claim in world.claims if claim.holder is not node or (claim.granted and node.slot)
     ]
 
 
 def left(world: World, connection: str) -> None:
-    """A connection is gone."""
+    """End the claims of a connection that has left."""
     world.claims = [claim for claim in world.claims if claim.sender != connection]
 
 
 def module_left(world: World, module: str) -> None:
-    """A module is gone with its resources."""
+    """End the claims of the resources of a module that has left."""
     world.claims = [claim for claim in world.claims if claim.resource[0] != module]
 
 
 def give_up(world: World, sender: str, number: int) -> None:
-    """A claim is released or withdrawn."""
+    """End a claim that its sender releases or withdraws."""
     world.claims = [
         claim for claim in world.claims if (claim.sender, claim.number) != (sender, number)
     ]
 
 
 def unlock(world: World, header: headers.Unlock) -> None:
-    """Take a resource away from its lock holder."""
+    """Take a resource away from the holder of its granted claim."""
     places = {header.module} if header.module else {module for module, _ in world.slots.values()}
     taken = [
         claim
@@ -131,10 +135,10 @@ def unlock(world: World, header: headers.Unlock) -> None:
 
 
 def raise_lock_lost(world: World, node: Node) -> None:
-    """Central raises "lock lost" on a task whose claim was taken away, unless it has failed
-    already.
+    """Raise "lock lost" on a task if central has raised it next. Central raises it for a claim that
+    was taken away, unless the task has failed already.
     """
-    oracle_slots.give_messages(world)  # wiretaps were fired first, as the handler returned
+    oracle_slots.give_messages(world)  # the handler's return fired wiretaps first
     fact = world.seen.given[0][0] if world.seen.given else None
     if is_lock_lost(fact) and fact.id == node.id:
         del world.seen.given[0]
@@ -142,7 +146,7 @@ def raise_lock_lost(world: World, node: Node) -> None:
 
 
 def time_out(world: World) -> None:
-    """End the claims whose timeout has passed."""
+    """End the pending claims whose timeout has passed."""
     world.claims = [claim for claim in world.claims if claim.granted or claim.due > world.due_by]
 
 
@@ -150,7 +154,9 @@ def time_out(world: World) -> None:
 
 
 def end_deadlocks(world: World) -> bool:
-    """End the waits that central calls deadlocks now. Returns whether there were any."""
+    """Apply the deadlocks that central reports next: end the waits and claims, raise the failures.
+    Return whether there were any.
+    """
     any_ended = False
     while world.seen.given and is_deadlock(fact := world.seen.given[0][0]):
         del world.seen.given[0]

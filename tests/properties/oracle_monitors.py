@@ -29,9 +29,9 @@ class Watch:
     options: WatchOptions
     began: float | None = None
     condition: Job | None = None  # the open query
-    since: float = 0  # start of its periods
-    activations: int = 0  # fires that still need a test
-    count: int = 0  # times its condition held
+    since: float = 0  # the time from which its periods count
+    activations: int = 0  # requests to fire that no test has answered yet
+    count: int = 0  # how often its condition held, or a module fired it
     fires: int = 0
     is_over: bool = False
 
@@ -41,7 +41,7 @@ class Watch:
 
 
 def init_watch(node: Node, options: WatchOptions | None) -> None:
-    """A new task is a monitor."""
+    """Give a new monitor its watch."""
     node.watch = Watch(options or WatchOptions())
     node.watches_over = (
         node.kind is not MessageClass.POINT_MONITOR and not node.watch.options.waited_for
@@ -49,8 +49,8 @@ def init_watch(node: Node, options: WatchOptions | None) -> None:
 
 
 def is_foreign(world: World, parent: Node, origin: int) -> bool:
-    """Whether a new monitor under a task is foreign: its sender was not caused by the handling of
-    that task.
+    """Whether a new monitor under *parent* is foreign: neither the handler of *parent* nor an
+    effect of that handler sent it.
     """
     seen: list[Job] = []
     while not origin or origin != parent.handling_id:
@@ -68,7 +68,9 @@ def is_foreign(world: World, parent: Node, origin: int) -> bool:
 
 
 def _cause(world: World, one: Job, parent: Node) -> Job | None:
-    """The task that caused a message; None if other tasks sent it, or if it is sent only once."""
+    """Return the task that caused *one*; None for an exception handler and a foreign monitor. A
+    listener counts as caused by *parent* only if a retry of *parent* fires its wiretap again.
+    """
     if one.role is Role.LISTENER:
         assert one.tap is not None
         taps = oracle_taps.taps_in_force(world)
@@ -88,8 +90,8 @@ def _running_delivery(world: World, delivery: int) -> Job | None:
 
 
 def start_all(world: World) -> bool:
-    """Start the queued monitors, which central itself carries out. Returns whether there were any.
-    The order among several is open.
+    """Start the queued monitors, which central itself carries out. Return whether there were any.
+    The order among several is taken from central.
     """
     monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]
     first: list[int] = [
@@ -168,7 +170,9 @@ def _test_later(world: World, node: Node) -> None:
 
 
 def on_alarm(world: World, alarm: Alarm) -> None:
-    """The time of a monitor is over, or its next test is due. A suspended monitor does not test."""
+    """End a monitor whose time is over, or make the test that is due. The test is put off by a
+    period if the monitor is suspended or the last test is still open.
+    """
     node, watch = alarm.node, alarm.watch
     if not watch.is_on:
         return
@@ -181,7 +185,9 @@ def on_alarm(world: World, alarm: Alarm) -> None:
 
 
 def activate(world: World, node: Node) -> None:
-    """Fire a monitor: a demon acts; others test, one test at a time."""
+    """Fire a monitor at a module's request. A demon monitor acts at once. Other monitors test
+    first, one test at a time.
+    """
     if node.kind is MessageClass.DEMON_MONITOR:
         fire(world, node)
         return
@@ -191,7 +197,7 @@ def activate(world: World, node: Node) -> None:
 
 
 def go_on(world: World, node: Node) -> None:
-    """A monitor is resumed: it tests at once if it was fired while suspended."""
+    """Continue a resumed monitor. If it was fired while suspended, it tests at once."""
     if node.watch.is_on and node.watch.condition is None:
         _test_as_fired(world, node)
 
@@ -229,7 +235,9 @@ def _test(world: World, node: Node) -> None:
 def answered(
     world: World, job: Job, body: bytes | None, names: tuple[str, ...] = ("module lost",)
 ) -> None:
-    """A condition was answered, or (*body* None) failed."""
+    """Apply the answer to a monitor's condition. If *body* is None, the condition has failed with
+    *names*.
+    """
     asking = [node for node in world.nodes.values() if node.watch and node.watch.condition is job]
     for node in asking:
         node.watch.condition = None
@@ -246,7 +254,9 @@ def answered(
 
 
 def fire(world: World, node: Node) -> None:
-    """The condition holds, or a demon monitor is fired."""
+    """Count that the condition held, or that a demon monitor was fired. Send the action every
+    ``fire_every`` times.
+    """
     watch = node.watch
     watch.count += 1
     if watch.count % watch.options.fire_every:
@@ -261,14 +271,14 @@ def fire(world: World, node: Node) -> None:
 
 
 def end(world: World, node: Node) -> None:
-    """A monitor is done: its task is handled."""
+    """End a monitor: its task counts as handled."""
     if not node.watch.is_over:
         stop(world, node)
         node.returned = True
 
 
 def stop(world: World, node: Node) -> None:
-    """Stop a monitor; its sent messages are not affected."""
+    """Stop a monitor and drop its queued condition. Its actions are not affected."""
     watch = node.watch
     if watch is None or watch.is_over:
         return
@@ -284,8 +294,8 @@ def stop(world: World, node: Node) -> None:
 
 
 def end_due_monitors(world: World) -> bool:
-    """End the monitors at their end point, and those whose parent has nothing else left. Returns
-    whether there were any.
+    """End the monitors whose *until* point is reached. Where a parent has only background monitors
+    left, end these too; kill those that are held before their start. Return whether there were any.
     """
     to_kill: list[Node] = []
     to_end = [
@@ -307,7 +317,7 @@ def end_due_monitors(world: World) -> bool:
 
 
 def _is_held_before_start(world: World, node: Node) -> bool:
-    """Whether a monitor has not begun and is held."""
+    """Whether a monitor is still to begin, and is held or suspended."""
     is_to_begin = not node.killed and (node.again or SH not in node.past)
     is_held = oracle_rules.is_checked(node) or any(
         held == node.id for held, _ in oracle_rules.held_points(world)

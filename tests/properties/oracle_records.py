@@ -17,7 +17,9 @@ STARTS = {SH, SP, SA}
 
 
 Family = tuple[int, str, int]
-"""Siblings for constraint flags: by parent and, under the root, by module and its run."""
+"""The key of siblings that constraint flags relate: the parent, and under the root also the module
+and its run.
+"""
 
 
 class Disagreement(AssertionError):
@@ -32,20 +34,20 @@ class Job:
     message: str
     kind: MessageClass
     sender: str = ""  # the sending connection
-    module: str = ""  # of the sender; for messages by central, of their cause
+    module: str = ""  # of the sender; if central made the message, of its cause
     number: int = 0  # of the sender's request, if an answer is due
     priority: int = 0
     role: Role = Role.NONE
-    sent_for_listener: bool = False  # by a monitor that is a listener
-    target: tuple[str, str] | None = None  # the resource of a copy
+    sent_for_listener: bool = False  # sent by a monitor that is itself a listener
+    target: tuple[str, str] | None = None  # the only resource that may handle it, if it is a copy
     wanted: bool = True  # is to be delivered
     waiting: bool = False  # is queued: only a slot is missing
     since: tuple[int, int] = (0, 0)  # start of its wait (step, round)
-    arrival: tuple[int, int] | None = None  # first start of its wait, unless it lost its place
+    arrival: tuple[int, int] | None = None  # first start of its wait; None after it lost its place
     slot: str = ""  # the handling connection
     handling_id: int = 0
-    nested: bool = False  # has a slot beyond the capacity
-    turn: int = 0  # number of its delivery, in order
+    nested: bool = False  # handled by its own sender's slot, beyond the capacity
+    turn: int = 0  # its rank among all deliveries
     origin: int = 0  # the delivery whose handler sent it
     about: "Job | None" = None  # its cause, if central made it
     tap: "Tap | None" = None  # of a listener: its wiretap
@@ -59,27 +61,27 @@ class Node(Job):
     run: int = 0  # number of the sender's run
     past: set[Moment] = field(default_factory=set)
     free: bool = False  # may start before its parent
-    survives: bool = False
-    delayed: bool = False
+    survives: bool = False  # a kill of its parent does not kill it
+    delayed: bool = False  # its planning starts no earlier than its achieving
     suspended: bool = False
     killed: bool = False
     returned: bool = False  # its handler has returned for good
     again: bool = False  # is to be handled once more
-    recovering: "Node | None" = None
-    failing: "Trouble | None" = None  # of an exception handler: what it handles
-    void: bool = False
-    resolved: bool = False  # of an exception handler: its failure is dealt with if it ends well
+    recovering: "Node | None" = None  # the exception handler for its handler's failure
+    failing: "Trouble | None" = None  # of an exception handler: the failure it handles
+    void: bool = False  # of an exception handler: its end decides nothing more
+    resolved: bool = False  # of an exception handler: it has resolved its failure
     attached: list["Attachment"] = field(default_factory=list)
-    calls: dict[int, int] = field(default_factory=dict)  # by attachment, for this task
+    calls: dict[int, int] = field(default_factory=dict)  # number of calls, by attachment
     termination_messages: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
-    fired: set[int] = field(default_factory=set)  # taps fired before one of its moments
-    unheard: set[int] = field(default_factory=set)  # taps of *fired* with an unhandled listener
-    checks: list["Node"] = field(default_factory=list)  # listeners to handle before a retry
-    listeners: list["Node"] = field(default_factory=list)  # that are killed with it
+    fired: set[int] = field(default_factory=set)  # *before* taps that have fired
+    unheard: set[int] = field(default_factory=set)  # taps in *fired* whose listener had no handler
+    checks: list["Node"] = field(default_factory=list)  # listeners to be handled before its retry
+    listeners: list["Node"] = field(default_factory=list)  # they are killed with this task
     watch: Any = None  # of a monitor
-    watches_over: bool = False  # ends with the last other subtask of its parent
-    is_foreign: bool = False  # a monitor sent by neither its parent's handler nor its effects
+    watches_over: bool = False  # a background monitor
+    is_foreign: bool = False  # a monitor not caused by its parent's handling
     asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
 
     @property
@@ -88,19 +90,21 @@ class Node(Job):
 
     @property
     def first(self) -> Moment:
-        """The start that its handling begins with: planning for goals, achieving for commands."""
+        """Return the start that its handling begins with: planning for goals, achieving for
+        commands.
+        """
         return SP if self.is_goal else SA
 
     @property
     def is_eligible(self) -> bool:
-        """Whether constraint flags may refer to it."""
+        """Whether constraint flags of later siblings may refer to this task."""
         return not self.role and self.kind not in (
             MessageClass.POLLING_MONITOR,
             MessageClass.DEMON_MONITOR,
         )
 
     def lineage(self) -> list["Node"]:
-        """From this task up to the one right under the root."""
+        """Return the tasks from this one up to the top-level task."""
         found, node = [], self
         while node.parent is not None:
             found.append(node)
@@ -118,7 +122,7 @@ class Claim:
     number: int  # of the request
     module: str
     reserves: bool
-    holder: Job | None = None  # the task or message that it belongs to
+    holder: Job | None = None  # the task or message whose handler claims
     priority: float = 0
     since: tuple[int, int] = (0, 0)
     arrival: tuple[int, int] = (0, 0)
@@ -128,8 +132,8 @@ class Claim:
 
 @dataclass(eq=False)
 class Pair:
-    """*after* is reached no earlier than *delay* after *before*. *due* is set once *before* is
-    reached.
+    """A constraint: *after* is reached no earlier than *delay* seconds after *before*. *due* is the
+    end of this delay; it is set once *before* is reached.
     """
 
     before: tuple[Node, Moment] | None
@@ -140,7 +144,9 @@ class Pair:
 
 @dataclass(eq=False)
 class Alarm:
-    """A timer of a task: a deadline, a kill, a monitor's end or (*is_test*) its next test."""
+    """A timer of a task: its deadline, its delayed kill, a monitor's end or (*is_test*) a monitor's
+    next test.
+    """
 
     due: float
     step: int  # in which it was set
@@ -167,7 +173,7 @@ class Attachment:
     failure: str
     handler: str
     maximum: int
-    message: str  # of all tasks of a message; "": of one task
+    message: str  # attached to all tasks of this message; "": to one task
     by: str
 
 
@@ -180,7 +186,9 @@ class Trouble:
     at: Node
     attachment: Attachment
     passed: set[tuple[Attachment, str]]
-    """Exception handlers that could not decide, each with the failure, here and below."""
+    """Attachments whose exception handler could not decide, each with the failure's name. Failures
+    inside an exception handler share the set with it.
+    """
 
     @property
     def is_own(self) -> bool:
@@ -216,8 +224,8 @@ class Collector:
 
 
 class Seen:
-    """The effects of central for one event. The choices that the rules leave open are taken from
-    here: ids of new messages, and the order of equals.
+    """The effects of central for one event. They decide what the rules leave open: the ids of new
+    messages, and the order of equals.
     """
 
     def __init__(self, effects: list[Effect]) -> None:
@@ -256,7 +264,7 @@ class Seen:
         ]
 
     def place(self, task: int) -> int:
-        """The place of a task among those with a due timer."""
+        """Return the position of a task among the tasks whose timers central has handled."""
         return self.due.index(task) if task in self.due else len(self.due)
 
     @property
@@ -319,7 +327,7 @@ class World:
 
     def __init__(self) -> None:
         self.time = 0.0  # of the event
-        self.due_by = 0.0  # timers up to here have been handled
+        self.due_by = 0.0  # timers due up to this time have been handled
         self.step = self.round = self.turns = 0
         self.kinds: dict[str, MessageClass] = {}
         self.parts: dict[str, list[str]] = {}
@@ -342,8 +350,8 @@ class World:
         self.ended: set[int] = set()
         self.killed_tasks: set[int] = set()  # the killed ones of *ended*
         self.never_began: set[tuple[int, Moment]] = set()  # unreached starts of killed tasks
-        self.spared: set[Node] = set()  # unhandled exception handlers that may wait
-        self.has_sent = False  # a wiretap has sent something
+        self.spared: set[Node] = set()  # unhandled exception handlers, not skipped yet
+        self.has_sent = False  # a wiretap has sent something since the last look
         self.seen = Seen([])
 
     def node(self, task: int) -> Node | None:
@@ -353,7 +361,7 @@ class World:
         return [node for node in self.nodes.values() if node.parent is parent]
 
     def subtree(self, node: Node) -> list[Node]:
-        """A task and all below it, parents before children."""
+        """Return a task and all below it, parents before children."""
         found = [node]
         for each in found:  # grows while it is walked
             found += self.children(each)

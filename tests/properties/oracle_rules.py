@@ -1,8 +1,9 @@
 """The rules of the tree: which points are reached, and which tasks may start.
 
-All rules are tried on all tasks until nothing moves. A task starts planning (achieving) after its
-parent has. A parent ends planning (achieving) after all its children have. A pair of points holds
-the second until the first is reached. A killed task waits only for its running handlers.
+All rules are tried on all tasks until no rule changes anything. A task starts planning after its
+parent starts planning. A parent ends planning after all its children end planning. The same holds
+for achieving. A pair of points holds its second point until its first point is reached. A killed
+task waits only for handlers that still run in it or below it.
 """
 
 from collections.abc import Callable
@@ -33,13 +34,13 @@ ORDER = {
     True: {SA: {SP}, EH: {SP}, EP: {EH}, EA: {SA, EH, EP}},
     False: {EH: {SA}, EA: {EH}},
 }
-"""For goals and commands: the direct predecessors of each moment in the same task. Delivery reaches
-the first start.
+"""The direct predecessors of each moment within one task: for goals (True), then for commands. The
+first start has no row, because the delivery reaches it.
 """
 
 
 def after(is_goal: bool, moment: Moment) -> set[Moment]:
-    """A moment, and the later moments of the same task."""
+    """Return a moment and all later moments of the same task."""
     found = {moment}
     while more := {later for later, befores in ORDER[is_goal].items() if befores & found} - found:
         found |= more
@@ -47,7 +48,9 @@ def after(is_goal: bool, moment: Moment) -> set[Moment]:
 
 
 def place(world: World, task: int, moment: Moment) -> tuple[Node, Moment] | None:
-    """A point, with start handling replaced by the task's first start. None if its task has ended."""
+    """Return a point as task and moment. Start handling becomes the task's first start. None if the
+    task has ended.
+    """
     node = world.nodes.get(task)
     return None if node is None else (node, node.first if moment == SH else moment)
 
@@ -67,7 +70,9 @@ def never_begins(world: World, task: int, moment: Moment) -> bool:
 def constrain(
     world: World, one: tuple[Node, Moment] | None, other: tuple[Node, Moment], delay: float
 ) -> None:
-    """Add a pair of points. A reached first point holds nothing, except for a delay from now."""
+    """Add a pair of points. If the first point is past, the pair holds only for its delay, counted
+    from now.
+    """
     if not delay and is_past(one):
         return
     node, moment = other
@@ -84,7 +89,7 @@ def constrain(
 
 
 def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:
-    """The pairs that flags stand for."""
+    """Return the pairs that flags stand for."""
     pairs = []
     if last is not None and flags & Flags.SEQ_ACH:
         pairs.append(((last, EA), (node, SA)))
@@ -98,7 +103,7 @@ def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, A
 
 
 def pass_on_leaders(world: World, killed: Node) -> None:
-    """Followers of a killed task wait for its own leaders instead."""
+    """Let the followers of a killed task wait for the leaders of that task instead."""
     for pair in [
         pair
         for pair in world.pairs
@@ -119,13 +124,13 @@ def _inherit(world: World, one: tuple[Node, Moment], other: tuple[Node, Moment])
 
 
 def _is_void(world: World, pair: Pair) -> bool:
-    """Whether a delay counts from a point that was never reached."""
+    """Whether a pair's delay would count from a point that a kill has prevented."""
     return pair.before is not None and never_begins(world, pair.before[0].id, pair.before[1])
 
 
 def held_points(world: World) -> set[tuple[int, Moment]]:
-    """All points that a pair holds. Pairs that no longer hold, and cannot be inherited, are
-    dropped.
+    """Return all points that a pair holds. Drop each pair that holds nothing now, unless a follower
+    may still inherit it.
     """
     held, kept = set(), []
     for pair in world.pairs:
@@ -167,7 +172,7 @@ def make(
     *,
     prepare: Callable[[Node], None] = lambda _: None,
 ) -> Node:
-    """A task that central makes; it may start before its parent."""
+    """Make a task as central does. The task may start before its parent."""
     task = world.seen.take_made_id(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
     node.about = about
@@ -183,7 +188,9 @@ def make(
 
 
 def family(node: Node) -> Family:
-    """The family of a task: siblings; under the root, from the same run of the same module."""
+    """Return the key of a task's siblings. Under the root, only tasks from the same run of the same
+    module are siblings.
+    """
     assert node.parent is not None
     return (node.parent.id, "", 0) if node.parent.id else (0, node.module, node.run)
 
@@ -213,7 +220,7 @@ def set_alarm(world: World, seconds: float, node: Node, **fields: Any) -> None:
 
 def pass_time(world: World, settle: Callable[[], None]) -> None:
     """Handle all due timers in order, and settle after each. At equal times, the timer set first
-    comes first. The order of timers set in one event is open.
+    comes first. The order of timers set in one event is taken from central.
     """
     while (due := _next_due(world)) <= world.time:
         world.due_by = due
@@ -272,7 +279,9 @@ def _pass(world: World) -> bool:
 def _may_reach(
     node: Node, moment: Moment, held: set[tuple[int, Moment]], children: list[Node]
 ) -> bool:
-    """Whether only the order within the task may hold a moment."""
+    """Whether a moment may be reached as far as pairs, parent, children and handler allow.
+    ``ORDER`` is not checked here.
+    """
     assert node.parent is not None
     if not node.killed and (node.id, moment) in held:
         return False
@@ -286,7 +295,7 @@ def _may_reach(
 
 
 def is_checked(node: Node) -> bool:
-    """Whether a listener before its next handling is still unhandled."""
+    """Whether a task still waits for a listener to be handled before the task's retry."""
     return any(EH not in check.past for check in node.checks)
 
 
@@ -310,8 +319,8 @@ def _is_ready(
 def _consider_start(
     world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]
 ) -> bool:
-    """Queue a task, or take it out of the queue. Its *before* taps fire while it is queued; that
-    keeps its place.
+    """Queue a task that is ready, or take a task that is not ready out of the queue. *Before* taps
+    may fire while a task is queued; the task then keeps its place.
     """
     is_ready = _is_ready(world, node, held, children)
     if node.waiting and not is_ready:
@@ -327,7 +336,7 @@ def _consider_start(
     if node.waiting:
         return False
     node.waiting = True
-    world.spared.discard(node)  # it has come to wait again
+    world.spared.discard(node)  # the task has been queued again
     if node.again:
         node.again, node.recovering, node.handling_id = False, None, 0
         oracle_locks.end_for(world, node)
@@ -337,12 +346,12 @@ def _consider_start(
 
 
 def start_moments(node: Node) -> set[Moment]:
-    """The moments that the first delivery of a task reaches."""
+    """Return the moments that the first delivery of a task reaches."""
     return STARTS if node.delayed else {SH, node.first}
 
 
 def started(world: World, node: Node) -> None:
-    """A task was delivered."""
+    """Reach the first moments of a task that is delivered."""
     if SH not in node.past:
         reach(world, node, start_moments(node) - node.past)
 
@@ -355,8 +364,8 @@ def fire_before_end(world: World, node: Node) -> None:
 
 
 def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    """Reach all moments of a task that may be reached at once. Taps before a moment fire first. The
-    consequences of its end are known before anything above moves.
+    """Reach all moments of a task that may be reached now. Taps before a moment fire first. A task
+    that ends is removed before its ancestors move.
     """
     if node.killed and not node.slot and STARTS - node.past:
         reach(world, node, STARTS - node.past)

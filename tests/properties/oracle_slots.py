@@ -10,13 +10,13 @@ from tca_wire.vocabulary import Condition, MessageClass
 
 Resource = tuple[str, str]
 Choices = dict[Job | Claim, dict[str, bool]]
-"""The next messages: for each, its possible slots, and whether the slot is beyond the capacity. A
-claim has no slots.
+"""The messages that may be delivered next, each with its possible slots. True marks a slot beyond
+the capacity. A claim has no slots.
 """
 
 
 def targets(world: World, job: Job) -> list[Resource]:
-    """The resources that may handle a message: of the newest handler and its pool."""
+    """Return the resources that may handle a message: of the newest handler, and of its pool."""
     if job.target:
         return [job.target]
     handlers = world.handlers.get(job.message, [])
@@ -29,7 +29,7 @@ def targets(world: World, job: Job) -> list[Resource]:
 
 
 def free_slots(world: World) -> dict[Resource, set[str]]:
-    """The free slots of each resource."""
+    """Return the free slots of each resource."""
     busy = {job.slot for job in world.everything() if job.slot and not job.nested}
     free: dict[Resource, set[str]] = {}
     for slot, resource in world.slots.items():
@@ -39,9 +39,8 @@ def free_slots(world: World) -> dict[Resource, set[str]]:
 
 
 def give(world: World) -> bool:
-    """Deliver the next messages and grant the next claims, as central did. Returns whether there
-    were any. Tasks that became ready now start together, before any consequence. Queued messages
-    are delivered one by one.
+    """Deliver the next message or grant the next claim, as central did. Return whether there was
+    one. Messages queued in this round are all delivered before any consequence.
     """
     choices = _choices(world)
     if not choices:
@@ -63,7 +62,9 @@ def _is_new(world: World, one: Job | Claim) -> bool:
 
 
 def give_messages(world: World) -> None:
-    """Deliver informs and queries as soon as they are sent, before anything else follows."""
+    """Deliver the messages other than tasks that may be delivered now, before anything else
+    follows.
+    """
     while (
         _give_next(
             world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}
@@ -74,7 +75,9 @@ def give_messages(world: World) -> None:
 
 
 def _give_next(world: World, choices: Choices) -> Job | Claim | None:
-    """Deliver or grant the item that central chose next, if the choice is valid. Returns the item."""
+    """Deliver the message or grant the claim that central chose next, if the choice is valid.
+    Return it, or None.
+    """
     fact, slot = world.seen.given[0] if world.seen.given else (None, "")
     for one, slots in choices.items():
         if isinstance(one, Claim):
@@ -91,7 +94,7 @@ def _give_next(world: World, choices: Choices) -> Job | Claim | None:
 
 
 def _choices(world: World) -> Choices:
-    """The messages that may be delivered next, with their slots, and the claims that may be
+    """Return the messages that may be delivered next, with their slots, and the claims that may be
     granted.
     """
     waiting = [
@@ -122,10 +125,11 @@ def _choices(world: World) -> Choices:
 def _nested_queries(
     world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]
 ) -> Choices:
-    """Nested queries: a slot that waits for an answer may itself handle the query.
+    """Return the queries that their own sender's slot may handle, each with its slots.
 
-    It may if no other slot is free and its resource is not locked. If a lock ends and other slots
-    become free in the same event, one of them may handle it instead.
+    A slot waits for the answer to its query, and may itself handle the query. Its resource must not
+    be locked, and no other slot may be free. A query of an earlier event may go to a free slot as
+    well: a lock may have ended in this event.
     """
     asked = [
         job for job, ours in waiting if job.kind.has_reply and world.slots.get(job.sender) in ours
@@ -139,8 +143,8 @@ def _nested_queries(
 
 
 def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
-    """Whether *one* must be delivered before *other*: by priority, then arrival. Items that came to
-    wait in one event may be in any order, except ready tasks and claims.
+    """Whether *one* must be delivered before *other*: by priority, then arrival. Items queued in
+    one event may go in any order, unless both are tasks queued together, or one is a claim.
     """
     assert one.arrival is not None
     assert other.arrival is not None
@@ -165,7 +169,7 @@ def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
 
 
 def wait(world: World, job: Job) -> None:
-    """A message other than a task is queued when it is sent."""
+    """Queue a message other than a task."""
     job.waiting, job.wanted = True, True
     job.since = (world.step, world.round)
     job.arrival = job.arrival or job.since
@@ -174,7 +178,7 @@ def wait(world: World, job: Job) -> None:
 
 
 def send_statement(world: World, job: Job) -> None:
-    """An inform goes to one handler, a broadcast to all."""
+    """Queue an inform for one handler, or a broadcast for all."""
     if job.kind is MessageClass.INFORM:
         wait(world, job)
     else:
@@ -182,7 +186,7 @@ def send_statement(world: World, job: Job) -> None:
 
 
 def copies(world: World, job: Job) -> list[Job]:
-    """A copy for each handler that has a slot."""
+    """Queue a copy of a message for each handler that has a slot. Return the copies."""
     made = []
     for handler in world.handlers.get(job.message, []):
         resource = (handler.module, handler.resource)
@@ -209,7 +213,7 @@ def copies(world: World, job: Job) -> list[Job]:
 
 
 def answered(world: World, job: Job, *, done: bool) -> None:
-    """A message other than a task has ended."""
+    """Remove a message other than a task, because it has ended. Count it for its multi-query."""
     if job in world.jobs:
         world.jobs.remove(job)
     for collector in [one for one in world.collectors if job in one.pending]:
@@ -224,7 +228,7 @@ def _complete(world: World, collector: Collector) -> None:
 
 
 def give_up(world: World, sender: str, number: int) -> None:
-    """The sender gives a request up: undelivered messages are dropped."""
+    """Drop a request that its sender gives up, with the undelivered messages of the request."""
     world.waits.pop((sender, number), None)
     oracle_locks.give_up(world, sender, number)
     for collector in [
@@ -244,7 +248,7 @@ def give_up(world: World, sender: str, number: int) -> None:
 
 
 def remove_handler(world: World, message: str, module: str) -> None:
-    """A module no longer handles a message; copies for this module alone fail."""
+    """Remove a module's handler of a message. Queued copies for this module fail."""
     removed = [one for one in world.handlers.get(message, []) if one.module == module]
     for handler in removed:
         world.handlers[message].remove(handler)
@@ -268,7 +272,7 @@ def _has_work(world: World, module: str) -> bool:
 
 
 def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
-    """A connection has left. Returns the messages whose handling it did not finish."""
+    """Remove a connection that has left. Return the messages that it was still handling."""
     module = world.modules.pop(connection)
     for key in [key for key in world.waits if key[0] == connection]:
         del world.waits[key]
@@ -279,8 +283,8 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     if (is_own := connection not in world.slots) or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
-    # The module's own connection is closed first, its slots next. Until the module has left, queued
-    # exception handlers that it alone handled are not skipped.
+    # A module closes its own connection first, then its slots. Until the last one is closed, queued
+    # exception handlers that only this module handled are not skipped.
     if is_own:
         world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)

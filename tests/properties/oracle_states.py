@@ -1,8 +1,9 @@
-"""The states of tasks, derived slowly from the tables and the rules of docs/decisions/0082. Each
-task has a list of its changes; an observer must have received exactly these, in this order.
+"""The states of tasks, derived slowly from the tables of transitions and from docs/decisions/0082.
+Each task has a list of its changes. An observer must have received exactly these changes, in this
+order.
 
-The reference takes from central what other tests judge: the handler of a task, its delivery, kill,
-retry and end.
+The reference takes from central the handler, delivery, kill, retry and end of each task. Other
+tests judge these.
 """
 
 from collections.abc import Iterable
@@ -32,7 +33,7 @@ class TrackedTask:
         self.open: list[tuple[Transition, int, bytes]] = []
         self.newest_of_client = 0
         self.delivery = 0
-        self.deciding = 0  #: the exception handler for the failure of its handler
+        self.deciding = 0  #: the exception handler for the failure of the task's handler
         self.is_delivered = False
         self.reached = 0
         self.is_killed = self.is_over = self.has_failed = self.is_retried = False
@@ -47,7 +48,7 @@ class TrackedTask:
         return found[0] if found and found[0].by in (by, Party.BOTH) else None
 
     def leads_to_an_answer(self, state: str) -> bool:
-        """Whether the server may accept, refuse or stop there."""
+        """Whether the server may accept, refuse or stop in *state*."""
         answers = (Effect.TAKE_GOAL, Effect.REFUSE, Effect.STOP)
         return any(one.source == state and one.effect in answers for one in self.cycle.transitions)
 
@@ -103,9 +104,9 @@ class Reference:
         return isinstance(asked.answer, headers.Accepted) and asked.answer.id == 0
 
     def refusal(self, task: TrackedTask, asked: AskedChange) -> Refusal | None:
-        """The refusal that a request must get; None if it is accepted or ignored."""
+        """Return the refusal that a request must get; None if it is accepted or ignored."""
         if asked.serial > task.serial:
-            return Refusal.PROTOCOL  # its sender has missed changes
+            return Refusal.PROTOCOL  # the sender names a change that has not happened
         row, _ = self.chosen(task, asked)
         if row is None:
             if not any(task.row(state, asked.name, asked.by) for state in task.cycle.states):
@@ -118,7 +119,7 @@ class Reference:
             and task.cycle.is_over(row.target)
             and row.effect is not Effect.STOP
         ):
-            return Refusal.PROTOCOL  # a handler returns, or fails
+            return Refusal.PROTOCOL  # a handler ends its task by returning or failing
         if asked.body and row.effect not in WITH_DATA[asked.by]:
             return Refusal.PROTOCOL
         is_told = asked.takes is not None and asked.name in asked.takes
@@ -127,9 +128,9 @@ class Reference:
         return None
 
     def chosen(self, task: TrackedTask, asked: AskedChange) -> tuple[Transition | None, bool]:
-        """The requested transition, and whether it comes before the clients' requests that the
-        server has not seen. It then starts at the state before them, if possible there. A result
-        that is possible now comes last.
+        """Return the requested transition, and whether it comes before the requests of clients that
+        the server has not seen. It does if it is possible in the state before those requests. Only
+        a result that is possible now comes after them.
         """
         now, unseen = task.row(task.state, asked.name, asked.by), self.unseen(task, asked)
         before = task.row(unseen[0][0].source, asked.name, asked.by) if unseen else None
@@ -173,7 +174,7 @@ class Reference:
     def by_server(self, task: TrackedTask, asked: AskedChange) -> None:
         unseen, (row, is_first) = self.unseen(task, asked), self.chosen(task, asked)
         if row is None:
-            return  # it comes too late
+            return  # the request comes too late, and is ignored
         if row.effect is Effect.RESULT:
             task.take(row.name, row.target)
             seen = asked.serial if asked.serial >= 0 else task.serial
@@ -248,8 +249,8 @@ class Reference:
         assert not killed, f"{killed} should have been killed"
 
     def given(self, fact: facts.Queued | facts.Delivered) -> None:
-        """A task is queued or delivered. It restarts with another delivery, or with the same one if
-        its handler never began.
+        """Note that a task is queued or delivered. The task restarts if it had another delivery, or
+        if this delivery was made before.
         """
         task = self.tasks[fact.message_id]
         if task.delivery and (fact.id != task.delivery or task.is_delivered):
@@ -260,7 +261,9 @@ class Reference:
             task.take(task.cycle.accepted.name, task.cycle.accepted.target)
 
     def recalled(self, delivery: int) -> None:
-        """A delivered task is recalled before its handler began, and is not queued again now."""
+        """Note that a delivery was recalled before its handler began. The task is not queued again
+        yet.
+        """
         for task in self.tasks.values():
             if task.delivery == delivery and task.is_delivered and not task.is_over:
                 self.restart(task)
@@ -268,7 +271,7 @@ class Reference:
 
     @staticmethod
     def restart(task: TrackedTask) -> None:
-        """A task is queued again."""
+        """Put a task back into its initial state, because it is queued again."""
         task.open, task.newest_of_client = [], 0
         is_to_end = task.name_of(task.state, Effect.STOP)  # a kill follows
         task.has_failed = task.is_retried = False
@@ -281,8 +284,8 @@ class Reference:
         fact: facts.Caught | facts.Recovered | facts.Unhandled,
         returned: set[int],
     ) -> None:
-        """The search for an exception handler continues or ends. A failure raised beside the
-        handler does not end the handling.
+        """Note that the search for an exception handler continues or ends. Failures raised beside
+        the task's handler leave the handling open.
         """
         if isinstance(fact, facts.Caught):
             task.deciding = task.deciding if fact.is_beside else fact.handler
@@ -293,7 +296,7 @@ class Reference:
             returned.add(fact.task)
 
     def answer_by_central(self, task: TrackedTask, fact: facts.StateChanged) -> None:
-        """The handler has returned without an answer to a client's request: central answers it."""
+        """Let central answer a client's request, because the handler returned without an answer."""
         (row, number, body), task.open = task.open[-1], []
         assert row.target == task.state, (row, number)
         is_granted = fact.transition == task.name_of(task.state, Effect.TAKE_GOAL)
@@ -303,7 +306,7 @@ class Reference:
 
     @staticmethod
     def apply_other(task: TrackedTask, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
-        """Something happens to a task that does not change its state."""
+        """Note a retry, a kill or a reached point. None of them changes the task's state."""
         match fact:
             case facts.Retried():
                 task.goal, task.is_retried = fact.body or task.goal, True

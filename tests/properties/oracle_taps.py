@@ -30,8 +30,8 @@ BEFORE = {
     Condition.WHEN_PLANNED: (EP, None),
     Condition.WHEN_ACHIEVED: (EA, None),
 }
-"""The moment before which the listener is sent, and the end of the listener that this moment waits
-for. A task waits for its *when* listeners as for its children.
+"""For each condition: the moment before which the listener is sent, and the end of the listener for
+which this moment waits. With None, the moment waits for the listener as for a child of the task.
 """
 
 AT = {
@@ -40,21 +40,21 @@ AT = {
     SA: Condition.WHILE_ACHIEVING,
     EA: Condition.AFTER_ACHIEVED,
 }
-"""The condition that becomes true at each moment. Handling belongs to a message: its delivery and
-return.
+"""The condition that becomes true at each moment. Conditions of handling are missing: they become
+true at the delivery and return of any message.
 """
 
 CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
 """Conditions whose listeners are children of the tapped task."""
 
 WHILE = {Condition.WHILE_HANDLING: EH, Condition.WHILE_PLANNING: EP, Condition.WHILE_ACHIEVING: EA}
-"""Conditions whose listeners are killed with the tapped task. A monitor without an end of its own
-lasts until this moment.
+"""Conditions whose listeners are killed with the tapped task. Each stands with the moment at which
+a listening monitor ends, if the monitor has no end of its own.
 """
 
 ALIVE = {*WHILE, Condition.WHEN_SENT}
-"""Polling and demon monitors with these conditions are children of the tapped task, too, but do not
-hold it.
+"""Conditions whose polling and demon monitors are children of the tapped task, too. Such monitors
+do not hold the task.
 """
 
 
@@ -71,7 +71,7 @@ def taps_in_force(world: World) -> list[Tap]:
 
 
 def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
-    """Fire the taps before these moments. Returns whether there were any."""
+    """Fire the taps before *moments*. Return whether there were any."""
     node.fired -= {
         tap.id
         for tap in taps_of(world, node)
@@ -108,7 +108,7 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
 
 
 def fire_again(world: World, node: Node) -> None:
-    """An unstarted task is retried: its *before* taps fire again."""
+    """Let the *before* taps of a task that has not started fire again, because it is retried."""
     repeated = taps_to_repeat(world, node)
     if repeated:
         node.fired -= repeated
@@ -117,7 +117,7 @@ def fire_again(world: World, node: Node) -> None:
 
 
 def taps_to_repeat(world: World, node: Node) -> set[int]:
-    """The taps that fire again at a retry: before handling, and before moments that are not
+    """Return the taps that fire again at a retry: before handling, and before moments that are not
     reached.
     """
     firsts = [
@@ -129,13 +129,13 @@ def taps_to_repeat(world: World, node: Node) -> set[int]:
 
 
 def reached(world: World, node: Node, moments: set[Moment]) -> None:
-    """A task has passed moments."""
+    """Fire the taps of moments that a task has reached."""
     happened(world, node, {AT[moment] for moment in moments if moment in AT})
 
 
 def happened(world: World, job: Job, conditions: set[Condition]) -> None:
-    """Fire the taps of a message. *Before* conditions of messages other than tasks come true at
-    delivery.
+    """Fire the taps of a message that have one of *conditions*. For messages other than tasks,
+    *before handling* becomes true at delivery.
     """
     if Condition.WHILE_HANDLING in conditions and not isinstance(job, Node):
         conditions = conditions | {Condition.BEFORE_HANDLING}
@@ -203,8 +203,8 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
 
 
 def _ends_first(world: World, tap: Tap, node: Node) -> bool:
-    """Whether a task reaches its end together with earlier points: taps of the earlier points fire
-    after it has ended.
+    """Whether central recorded the end of a task before this tap fired. A task may reach earlier
+    points together with its end. The taps of those points fire after the end.
     """
     for fact in world.seen.facts:
         if isinstance(fact, facts.TapFired) and (fact.tap, fact.tapped) == (tap.id, node.id):
@@ -215,8 +215,8 @@ def _ends_first(world: World, tap: Tap, node: Node) -> bool:
 
 
 def tap(world: World, module: str, header: headers.Tap) -> None:
-    """Add a wiretap. Equal taps are shared by their modules; another tap of the same module is
-    replaced.
+    """Add a wiretap. Modules share equal taps. Another tap of the same module with this condition
+    and listener is replaced.
     """
     if not header.message and header.task not in world.nodes:
         _tap_ended(world, header)
@@ -248,7 +248,7 @@ def tap(world: World, module: str, header: headers.Tap) -> None:
 
 
 def _has_happened(node: Node, condition: Condition) -> bool:
-    """Whether a condition is true now for a task; for *while* conditions, whether it still is."""
+    """Whether a condition has become true for a task. A *while* condition must still be true."""
     if condition is Condition.WHEN_SENT:
         return True
     if node.killed or condition is Condition.WHEN_KILLED:
@@ -265,7 +265,7 @@ def _has_happened(node: Node, condition: Condition) -> bool:
 
 
 def _tap_ended(world: World, header: headers.Tap) -> None:
-    """Tap an ended task: the listener is sent once, now, for a past event."""
+    """Tap an ended task: send the listener once, now, for a past event."""
     killed, condition = header.task in world.killed_tasks, header.condition
     is_so = condition is Condition.WHEN_SENT or killed is (condition is Condition.WHEN_KILLED)
     if header.task not in world.ended or not is_so or condition in WHILE:
@@ -276,7 +276,7 @@ def _tap_ended(world: World, header: headers.Tap) -> None:
 
 
 def remove_holder(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
-    """A module removes its tap. The tap ends with its last module, or at once *for all*."""
+    """Remove a module from a tap. The tap ends with its last module, or now if *for_all*."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
         for tap in taps:
             if tap.id == tap_id:
@@ -285,7 +285,7 @@ def remove_holder(world: World, tap_id: int, module: str, *, for_all: bool = Fal
 
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
-    """The conditions that become true when a handler has returned."""
+    """Return the conditions that become true when a handler has returned."""
     conditions = {Condition.AFTER_HANDLED}
     if not reissued:
         conditions |= (
@@ -299,8 +299,8 @@ def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -
 
 
 def left(world: World, job: Job, *, lost: bool) -> None:
-    """The handling module has left. This is a failure of the handler, unless another handler
-    continues.
+    """Fire the taps of a message whose handling module has left. The departure counts as a failure,
+    unless another handler continues.
     """
     if lost or (job.killed if isinstance(job, Node) else job.target and job.kind.has_reply):
         happened(world, job, after_handler(job.kind, failed=True))

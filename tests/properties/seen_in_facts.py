@@ -1,4 +1,4 @@
-"""The spans of a run, found in its facts one by one: slow, and without any record of the tools."""
+"""The spans of a run, found slowly in its facts. The records of the tools are not used."""
 
 from collections.abc import Iterator
 from math import inf
@@ -13,7 +13,7 @@ class Span(NamedTuple):
     """A span of a run: its kind, its owner, its start and end."""
 
     kind: str
-    """run, queue, wait, claim, lock, suspension, life or member"""
+    """One of: run, queue, wait, claim, lock, suspension, life, member."""
     owner: Any
     start: float
     end: float
@@ -111,7 +111,7 @@ class Facts:
             self._begin("lock", fact.id, fact.id, time)
 
     def _queued_copies(self, message: int) -> list[int]:
-        """The queued copies of a message with several receivers."""
+        """Return the queued copies of a message with several receivers."""
         return [
             key
             for (kind, key), found in self._open.items()
@@ -190,7 +190,7 @@ class Facts:
         )
 
     def _reached_at(self, point: Point, timed_facts: float) -> float:
-        """The time when a point was reached; for the root, the time of the constraint."""
+        """Return the time when a point was reached; for the root, the time of the constraint."""
         reached = (
             time
             for time, fact in self.timed_facts
@@ -243,8 +243,8 @@ class Facts:
         return self._is_alive(step)
 
     def _unknown(self, step: PathStep) -> bool:
-        """A step of unknown cause: no handler that could be the reason worked, and the task stood
-        in no queue.
+        """Whether a step has no known cause: no handler that could be the reason worked, and the
+        task stood in no queue.
         """
         was_suspended = any(one.covers(step) for one in self.of("queue", step.message_id))
         return self._is_alive(step) and not was_suspended and not any(self.working_under(step))
@@ -253,7 +253,7 @@ class Facts:
         return any(one.covers(step) for one in self.of("life", step.message_id))
 
     def under(self, task: int) -> set[int]:
-        """The ids of a task and its descendants."""
+        """Return the ids of a task and its descendants."""
         found = {task}
         for _, fact in self.timed_facts:
             if (
@@ -265,14 +265,14 @@ class Facts:
         return found
 
     def working_under(self, step: PathStep) -> Iterator[Span]:
-        """The handlers that worked for a task during the whole step, without a wait."""
+        """Return the runs of handlers that worked for a task during a whole step, never waiting."""
         below = self.under(step.message_id)
         runs = (one for one in self.of("run") if one.owner in below and one.covers(step))
         return (run for run in runs if not any(self._own_waits(run, step)))
 
     def is_independent(self, time: float) -> bool:
-        """Whether a module acted at a time, with no known earlier run or wait that it had to end
-        first.
+        """Whether some module sent or claimed at *time* without a known cause: no run of a handler,
+        and no earlier wait of its program.
         """
         for when, fact in self.timed_facts:
             if when != time or not isinstance(fact, facts.Received | facts.Claimed):
@@ -287,7 +287,7 @@ class Facts:
         return False
 
     def ends(self, task: int) -> float:
-        """The time when a task ended; inf if it did not."""
+        """Return the time when a task ended; inf if it did not."""
         bits = 0
         for time, fact in self.timed_facts:
             if isinstance(fact, facts.Reached) and fact.task == task:

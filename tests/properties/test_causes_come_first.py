@@ -90,7 +90,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
 
 
 def _assert_known(run: Run, text: str, instant: float) -> None:
-    """A text names no message that was sent later."""
+    """Assert that a text names no message that was sent after *instant*."""
     named = [
         run.messages[number] for number in map(int, _NUMBER.findall(text)) if number in run.messages
     ]
@@ -98,8 +98,8 @@ def _assert_known(run: Run, text: str, instant: float) -> None:
 
 
 def _assert_told(run: Run, failed: Failing, time: float) -> None:
-    """A receiver of a failure had not ended or given up. A failure without a receiver causes no
-    other.
+    """Assert that the receiver of a failure had neither ended nor given up. A failure without a
+    receiver must cause no other failure.
     """
     receivers = describe_asker(run, failed, time)
     if receivers.startswith(Fate.NOT_REPORTED.words):

@@ -1,8 +1,9 @@
-"""The named ends of a wait are necessary and sufficient, according to central, in random lives.
+"""The tools name the ends of a wait: the last waits of its chain. In random lives, central shows
+that the named ends are necessary and sufficient.
 
-1. *Necessary*: every handler that the ends do not name returns; every other lock is released, every
-other task resumed. The waiting task must still wait. 2. *Sufficient*: everything that the ends name
-is done, repeatedly. The waiting task must get there, with nothing else done.
+1. *Necessary*: each handler that the ends do not name returns. Each other lock is released, and
+each other task is resumed. The waiting task must still wait. 2. *Sufficient*: only what the ends
+name is done, again and again. The waiting task must reach the awaited moment.
 """
 
 from collections.abc import Iterator
@@ -74,7 +75,7 @@ FLAGS = (
 AWAITED = [*Moment, Moment.START_ACHIEVING, Moment.END_PLANNING]
 HELD = [*Moment, Moment.START_PLANNING, Moment.START_ACHIEVING]
 ROUNDS = 100
-"""The limit of repetitions until the waiting task must get there."""
+"""The number of repetitions after which the waiting task must have reached the awaited moment."""
 
 
 class Life(Blocking):
@@ -163,7 +164,7 @@ class Life(Blocking):
         )
 
     def _release(self, b: int) -> None:
-        """A lock is released or a wait given up, unless its own thread is busy with a nested query."""
+        """Release a lock, or give up a wait whose thread is not busy with a nested query."""
         connections = self.central.registry.connections.values()
         due = [
             (one, number) for one in connections for number in one.waits if len(one.handling) < 2
@@ -195,7 +196,7 @@ class Replay(Player):
         return task is None or bool(task.reached & node.moment)
 
     def act(self, end: End) -> None:
-        """Do what an end names. Raises AssertionError if central knows nothing of the kind."""
+        """Do what an end names. Raise AssertionError if central knows nothing of this kind."""
         if end.kind is WaitKind.RUNNING:
             runs = [one for one in may_return(self.central) if one.message_id == end.number]
             assert runs, f"{end} has no free handler"
@@ -212,7 +213,7 @@ class Replay(Player):
             self.unlock_or_join(end)
 
     def unlock_or_join(self, end: End) -> None:
-        """Release a lock that no handler holds; or add a slot to a resource without one."""
+        """Release a lock whose holder waits for nothing, or add a slot to an empty resource."""
         if claim := next(
             (one for one in may_be_released(self.central) if one.id == end.number), None
         ):
@@ -253,7 +254,7 @@ class Replay(Player):
 
 
 def may_return(central: Central) -> list[Delivery]:
-    """The deliveries of handlers that wait for nothing, not even briefly."""
+    """Return the deliveries of handlers that wait for nothing, not even briefly."""
     return [one for one in free_handlers(central) if one.slot and not _pauses(one.slot, one)]
 
 
@@ -262,7 +263,7 @@ def _pauses(slot: Connection, run: Delivery) -> bool:
 
 
 def may_be_released(central: Central) -> list[ModuleClaim]:
-    """The granted locks whose holder waits for nothing."""
+    """Return the granted locks whose holder waits for nothing."""
     granted, free = (
         [claim for claim in central.claims.values() if claim.is_granted],
         may_return(central),
@@ -282,7 +283,7 @@ def assert_ends_necessary(life: Life, ends: tuple[End, ...], nodes: list[Node]) 
     ends_before, killed = Ends.at(replay.at), len(replay.facts(Killed))
     done = list(do_the_rest(replay, ends, named))
     left = [node for node in nodes if not replay.has_reached(node)]
-    if len(replay.facts(Killed)) == killed:  # a kill, by a failed exception handler, ends waits too
+    if len(replay.facts(Killed)) == killed:  # a failed exception handler kills, and so ends waits
         assert left == nodes, (
             f"{set(nodes) - set(left)} waited for {ends}, but this was enough: {done} {ends_before}"
         )
@@ -371,7 +372,7 @@ def assert_ends_sufficient(life: Life, node: Node) -> None:
 )  # a lock holder is retried
 @example(
     [("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)]
-)  # a failure is dealt with
+)  # an exception handler deals with a failure
 @given(steps)
 @settings(max_examples=lives(30, soak=5_000))
 def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:

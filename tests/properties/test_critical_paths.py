@@ -51,7 +51,7 @@ steps = st.lists(st.tuples(st.sampled_from(KINDS), numbers, numbers, numbers), m
 
 
 NOT_KNOWN = (Doing.KILLED, Doing.UNKNOWN, Doing.HELD)
-"""Kinds of steps without a known cause, even in the list of waits."""
+"""Kinds of steps whose cause is unknown. The list of waits must not name the cause either."""
 
 
 class UncomparedLife(JournaledLife):
@@ -75,7 +75,7 @@ class UncomparedLife(JournaledLife):
 
 
 def sixty_steps(seed: int) -> Steps:
-    """Sixty steps, each kind with the same probability."""
+    """Return sixty steps. Each kind of step has the same probability."""
     dice = random.Random(seed)
     return [
         (dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51))
@@ -86,8 +86,8 @@ def sixty_steps(seed: int) -> Steps:
 steps_of_lives = steps | st.integers(0, 1 << 32).map(sixty_steps)
 
 
-@example(sixty_steps(752))  # killed, but its handler continues
-@example(sixty_steps(7511))  # killed before its delay is over
+@example(sixty_steps(752))  # a killed task whose handler continues
+@example(sixty_steps(7511))  # a task killed before its delay is over
 @example(sixty_steps(1789))  # a deadlock of locks
 @example(sixty_steps(1027))  # a multi-query is given up while a copy is queued
 @given(steps_of_lives)

@@ -1,10 +1,9 @@
-"""Reported deadlocks would never end, and no deadlock is overlooked, in random lives of handlers
-that block.
+"""Random lives of handlers that block. A reported deadlock would never have ended, and no deadlock
+is overlooked.
 
-Each life is lived twice, the second time by a central that does not look for deadlocks. At the
-first refusal, every handler of the second life that can return does so. The refused wait must still
-be open then. In some lives central searches so few edges at a time that the tree changes during a
-search.
+Each life is lived twice. The second central does not look for deadlocks. At the first refusal,
+every handler of the second life returns that can return. The refused wait must still be open then.
+In some lives central searches few edges at a time, so that the tree changes during a search.
 """
 
 from collections.abc import Iterator
@@ -119,7 +118,7 @@ def assert_deadlocks_are_exact(taken: Steps) -> None:
             fact.failure == "deadlock" for fact in looking.facts_of("failed")
         ):
             still = all_waits(looking)
-            before = Blocking(looks=False)  # a due search came first in this event
+            before = Blocking(looks=False)  # the search may have come before this step
             for earlier in taken[:index]:
                 before.do(*earlier)
                 before.time += 1.0

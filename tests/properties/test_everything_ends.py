@@ -40,11 +40,11 @@ STEPS = (
 )
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
 ROUNDS = 2_000
-QUIET = 6  # rounds without an event: central may search for deadlocks slowly
+QUIET = 6  # rounds in which no handler returns: central may still search for deadlocks
 
 
 class Troubled(Blocking):
-    """Modules that block and fail; their failures are handled by modules that block, too."""
+    """Modules that block and fail. The modules that handle their failures block, too."""
 
     handled = HANDLED | {
         name: HANDLED.get(name, ()) + menders for name, menders in EXCEPTION_HANDLERS.items()
@@ -55,7 +55,7 @@ class Troubled(Blocking):
         self.declare("operator", "command park", "command move", "goal step")
 
     def do(self, operation: str, a: int, b: int, c: int) -> None:
-        """One handler, the user or the operator acts."""
+        """Let one handler, the user or the operator act."""
         free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
         delivery = free[a % len(free)] if free else None
         task = tasks[b % len(tasks)] if tasks else TaskId(0)
@@ -92,7 +92,9 @@ class Troubled(Blocking):
                 super().do(operation, a, b, c)
 
     def tap(self, task: TaskId, message: str, b: int, c: int) -> None:
-        """The operator taps tasks or messages, queued ones as well; the listener may block."""
+        """Let the operator tap a task or a message. The task may be queued, and the listener may
+        block.
+        """
         condition = (
             Condition.BEFORE_HANDLING,
             Condition.BEFORE_HANDLING,
@@ -103,10 +105,12 @@ class Troubled(Blocking):
 
 
 class Mixed(Life):
-    """Lives of all constructs, with modules that join and leave."""
+    """A life with all constructs, and with modules that join and leave."""
 
     def end(self) -> None:
-        """At the end each message has a handler, and each resource a slot."""
+        """End the life: give each message a handler and each resource a slot. Everything must end
+        then.
+        """
         for module in [*self.central.registry.modules.values()]:
             if any(not resource.slots for resource in module.resources.values()):
                 for connection in [*module.connections.values()]:
@@ -150,8 +154,8 @@ KEPT_FOR_A_RETRY = [
     ("raise", 0, 0, 1),
     ("retry", 0, 0, 0),
 ]
-"""A task that waits for a retry, after its exception handler, holds the lock of that handler's
-resource.
+"""A task holds the lock of the resource in which its exception handler must run. The task's retry
+waits for this exception handler.
 """
 
 

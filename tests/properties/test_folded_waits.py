@@ -1,6 +1,6 @@
-"""The folded journal is the live tree. The waits that the tools find in the journal are those of
-central's own graph of needs. This holds for every moment of every living task, after every event of
-random lives.
+"""The fold of the journal equals the live tree. The waits that the tools find in the journal equal
+those of central's graph of needs. Both hold for each moment of each living task, after each event
+of random lives.
 """
 
 from collections.abc import Iterable
@@ -45,19 +45,21 @@ from tca_wire.vocabulary import Condition, MessageClass
 from tca_wire.waits import NAMED, WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
-"""For starts, the tools name the moment of the constraint, central the moment that decides it."""
+"""The moments that are compared. For a start only the task is compared: the tools name the
+constraint's moment, central the moment that decides the start.
+"""
 OF_TASKS = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.LISTENER}
 
 
 class LivePlayer(FoldedPlayer):
-    """Checks that the fold is the live tree."""
+    """A player that checks that the fold equals the live tree."""
 
     def compare(self) -> None:
         assert_tree(self.central, self.history)
 
 
 class ComparedPlayer(LivePlayer):
-    """Compares the waits of central and the tools after every event."""
+    """A player that compares the waits of central and the tools after every event."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -77,8 +79,8 @@ class ComparedPlayer(LivePlayer):
 
 
 def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
-    """Compare the points of other tasks that must come first. For a suspended task the tools name
-    its constraints, too.
+    """Compare the points of other tasks that must come before *moment*. For a suspended task the
+    tools also name its constraints.
     """
     true = foreign_needs(central, task, moment)
     kept = blocking_waits(at, Node(task.id, moment))
@@ -97,13 +99,16 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
 
 
 def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
-    """The ends of planning of tasks whose achievement is awaited; they come first."""
+    """Return the end of planning for each end of achieving among *points*. It comes before that
+    end.
+    """
     return {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
 
 
 def foreign_needs(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
-    """The points of other tasks that a moment needs, directly or through own moments, according to
-    central. Alternatives are left out: no journal has the end of a monitor.
+    """Return the points of other tasks that a moment needs according to central, directly or
+    through the task's own moments. Groups of alternatives are left out, because no journal has the
+    end of a monitor.
     """
     path, found = [Place(task, moment)], set[tuple[int, int]]()
     for place in path:  # grows while it is walked
@@ -117,7 +122,9 @@ def foreign_needs(central: Central, task: Task, moment: int) -> set[tuple[int, i
 
 
 def assert_ends(at: RunAt, number: int) -> None:
-    """The ends are the reachable nodes without a further wait; or circles, if none exist."""
+    """Assert that the ends are the reachable nodes without a further wait. If there are none, the
+    ends are circles.
+    """
     path = reached(at, [next_node(at, number)])
     last = {
         node.number for node in path if awaited_nodes(at, node)[1] or not awaited_nodes(at, node)[0]
@@ -128,7 +135,7 @@ def assert_ends(at: RunAt, number: int) -> None:
 
 
 def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
-    """All nodes that the waits lead to."""
+    """Return all nodes to which the waits lead."""
     path = list(start)
     seen = set(path)
     for node in path:  # grows while it is walked
@@ -139,7 +146,7 @@ def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
 
 
 def assert_lists(history: History) -> None:
-    """At each instant of the run, the wait lists contain the holds of that instant."""
+    """Assert that at each tried instant, the wait lists contain what holds the task then."""
     for time in history.times[:: max(len(history.times) // 20, 1)]:
         at = RunAt(history, time)
         for number, task in at.tasks.items():
@@ -466,7 +473,7 @@ class ComparedBlocking(Blocking):
         )
 
     def awaited(self, place: Place) -> set[int]:
-        """The other tasks that the graph names, through the points of the task itself."""
+        """Return the other tasks that the graph names, through the points of the task itself."""
         places, found = [place], set[int]()
         for own in places:  # grows while it is walked
             for one in (one for group in needs(self.central, own) for one in group or ()):

@@ -41,8 +41,8 @@ TRANSIENT_CLASSES = (
 
 
 def retained_objects(central: Central) -> Counter[str]:
-    """The number of reachable objects of the classes above, without those of the root, which never
-    ends.
+    """Count the reachable objects of ``TRANSIENT_CLASSES``, by class. Those of the root are left
+    out, because the root never ends.
     """
     found, root = Counter[str](), central.tree.root
     for one in reachable(central):
@@ -98,7 +98,7 @@ class LongTask:
         self.player.reply(slot.id.decode(), task)
 
     def guard(self, duration: float = 0) -> int:
-        """A monitor that lasts until the long task ends."""
+        """Send a monitor that lasts until the long task ends."""
         watch = WatchOptions(duration=duration, until=self.end)
         return self.player.task("user", "guard", flags=Flags.NONE, watch=watch)
 
@@ -144,7 +144,9 @@ def kill_of_delayed_task(long: LongTask) -> None:
 
 
 def overlapping_leaders(long: LongTask) -> None:
-    """The long task always waits for one of them."""
+    """Send a task that holds the end of the long task. Then end the task sent before, so that one
+    always holds.
+    """
     task = long.move(constraints=(before(point(-1, END), long.end),))
     older = [other for other in long.player.central.tree.tasks if long.task < other < task]
     for other in older:

@@ -1,5 +1,6 @@
-"""Late wiretaps: a queued message passes a tap that is attached now, or whose listener gets a
-handler now. The oracle agrees with central in lives full of late wiretaps.
+"""Late wiretaps still apply to queued messages. A wiretap is late if it was added, or its listener
+got a handler, after the message was queued. The oracle agrees with central in lives full of late
+wiretaps.
 """
 
 import random
@@ -56,7 +57,7 @@ CROWDED = 25
 
 
 class CheckedLife(JudgedLife):
-    """Many taps, of messages and of single queued tasks."""
+    """A life with many taps, of messages and of single queued tasks."""
 
     modules = CHECKED
     messages = MESSAGES

@@ -1,4 +1,4 @@
-"""The folded states of tasks are those of central, and keep the rules of their life cycles."""
+"""The folded states of tasks equal central's, and keep the rules of their life cycles."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ operation = st.tuples(st.sampled_from(OPERATIONS + ["ask", "say"] * 6), *[small]
 
 
 class ComparedPlayer(Folding):
-    """Compares the states of all living tasks; some handlers have options."""
+    """A player that compares the states of all living tasks. Some handlers have options."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -54,7 +54,7 @@ class ComparedPlayer(Folding):
 
 
 class ChangingLife(Life):
-    """Clients request changes of tasks, and handlers report changes."""
+    """A life in which clients request changes of tasks, and handlers report changes."""
 
     def ask_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = list(self.central.tree.tasks.values())

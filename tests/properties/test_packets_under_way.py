@@ -30,7 +30,7 @@ from tca_wire.packets.parts import HandlerFormat
 
 class Worker:
     """A slot of the library's own session, with delayed packets in both directions. During a turn
-    it holds its replies. Its connection may break, and its process may be killed.
+    the slot holds its replies back. The slot's connection may break, and its process may be killed.
     """
 
     prefetch = 6
@@ -83,7 +83,9 @@ class Worker:
             self.post()
 
     def begin(self) -> None:
-        """Start the next message in a free slot. Prefetched messages wait for a callback's lock."""
+        """Start the next message in a free slot. Prefetched messages wait while a callback claims a
+        lock.
+        """
         waiting = self.session.deliveries or (
             None if self.session.is_claiming else self.session.prefetched
         )
@@ -93,7 +95,7 @@ class Worker:
             self.town.begins(self, self.handling)
 
     def lock(self) -> None:
-        """A callback of a free slot locks its own resource, or releases it."""
+        """Let a callback in a free slot lock the slot's own resource, or release this lock."""
         if self.locking is not None and self.locking.is_over:
             self.session.request(headers.Release(0, self.locking.header.number))
             self.locking = None
@@ -145,7 +147,9 @@ class Town:
         self.times[delivery].append(self.player.time)
 
     def kill(self, worker: Worker) -> None:
-        """End the worker's process. Central receives its sent packets, then loses it."""
+        """End the worker's process. Central receives the packets that the worker has sent, then
+        loses its connections.
+        """
         if len(self.workers) > 1:
             self.workers.remove(worker)
             self.killed.append(worker.name)
@@ -194,7 +198,7 @@ class Town:
             self.work()
 
     def hear(self, worker: Worker) -> None:
-        """Central receives the next packet of a worker."""
+        """Let central receive the next packet of a worker."""
         header, body = worker.to_central.popleft()
         self.player.receive(worker.slot.decode(), header, body)
 
@@ -209,7 +213,7 @@ class Town:
         """Deliver all packets and let all handlers return."""
         for _, number in list(self.player.central.claims):
             self.player.receive("user", headers.GiveUp(number))
-        for _ in range(5_000):  # a slot without messages ahead handles one a round
+        for _ in range(5_000):  # a slot that prefetches nothing handles one message a round
             self.deliver()
             if not (
                 self.player.central.dispatcher.running
@@ -228,7 +232,9 @@ class Town:
 
 
 def check_times(town: Town) -> None:
-    """Runs of one worker do not overlap, and are at their true times up to the delay of packets."""
+    """Assert that the recorded runs of a worker do not overlap, and are never earlier than the true
+    ones.
+    """
     over: dict[str, float] = {}
     for entry in town.player.entries:
         for fact in entry.facts:
@@ -243,7 +249,9 @@ def check_times(town: Town) -> None:
 
 
 def check_charts(town: Town) -> None:
-    """Late facts are drawn at their times, and drawn spans have not moved."""
+    """Assert that no two drawn spans overlap, and that the waits of each message include what holds
+    it.
+    """
     history, feed = History(), Feed()
     for entry in town.player.entries:
         history.apply(entry)

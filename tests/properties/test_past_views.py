@@ -34,7 +34,9 @@ _NO_TIME = 1e-6
 
 
 def view_at(at: RunAt) -> Any:
-    """The view at an instant. The continuation after a failure is excluded, as later facts decide it."""
+    """Return the view at an instant. What follows a failure is excluded, because later facts decide
+    it.
+    """
     tree = [
         click.unstyle(line).replace(HANDLED, "failed")
         for line in tree_lines(at, whole_outline(at), with_data=True)
@@ -61,7 +63,7 @@ def view_at(at: RunAt) -> Any:
 
 
 def stories_at(at: RunAt) -> dict[int, list[str]]:
-    """The stories of all messages at that instant."""
+    """Return the stories of all messages at an instant."""
     known = {number for number, one in at.run.messages.items() if one.received <= at.instant}
     stories = {
         number: [one for one in story(at.run, number, at.instant) if one.time <= at.instant]
@@ -74,14 +76,14 @@ def stories_at(at: RunAt) -> dict[int, list[str]]:
 
 
 class WatchedPlayer(FoldedPlayer):
-    """Folds every entry, and records the views."""
+    """A player that folds every entry and records the views."""
 
     def __init__(self) -> None:
         super().__init__()
         self.view_at: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
 
     def compare(self) -> None:
-        """The view of now equals the records."""
+        """Assert that the present view equals the records of the run, and record this view."""
         at, run = RunAt(self.history), self.history
         for task in at.tasks.values():
             assert all(

@@ -1,4 +1,4 @@
-"""Slots with prefetched messages: every run could have happened without them."""
+"""Slots with prefetched messages. Each run could also have happened without prefetching."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -35,7 +35,7 @@ HANDLERS_CHANGE = headers.Hello | headers.Register | headers.Unregister | header
 
 
 class DeliveryAtStart:
-    """Shows a delivery when its slot starts it, as if nothing were prefetched."""
+    """An output that sends a delivery when the slot starts it, as if nothing were prefetched."""
 
     def __init__(self, central: Central) -> None:
         self.central = central
@@ -57,8 +57,8 @@ class DeliveryAtStart:
 
 
 class PrefetchPlayer(JudgedPlayer):
-    """Each slot takes prefetched messages, and returns recalled ones at once. The oracle knows
-    nothing of prefetching, and must agree.
+    """A player whose slots take prefetched messages, and return recalled messages at once. The
+    oracle knows nothing of prefetching, and must agree with central.
     """
 
     prefetch = 3
@@ -106,8 +106,8 @@ class PrefetchPlayer(JudgedPlayer):
 
     @staticmethod
     def _must_return_prefetched(event: Any, slot: Connection) -> bool:
-        """Whether a slot must return its prefetched messages before an event: its own claim, or a
-        change of handlers.
+        """Whether a slot must return its prefetched messages before an event. The event may be a
+        claim by the slot, a change of handlers, or a lost connection.
         """
         if slot.resource is None or not slot.resource.prefetched or isinstance(event, Tick):
             return False
@@ -129,7 +129,7 @@ class PrefetchPlayer(JudgedPlayer):
 
 
 class PrefetchLife(JudgedLife):
-    """Most sent messages may be prefetched, and have few handlers."""
+    """A life in which most sent messages may be prefetched, and have few handlers."""
 
     player_class = PrefetchPlayer
 
@@ -142,7 +142,9 @@ class PrefetchLife(JudgedLife):
         return super().sent_name(b) if b % 4 == 0 else PREFETCHABLE[b // 4 % len(PREFETCHABLE)]
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
-        """Half of the taps have conditions that allow prefetching: sending, or the end of handling."""
+        """Add a wiretap. Half of the taps have conditions that allow prefetching: sending, or the
+        end of handling.
+        """
         if a % 2:
             super().tap_(a // 2, b, c, d)
             return

@@ -47,7 +47,7 @@ steps = st.lists(
 
 
 class JournaledLife(Folding, Blocking):
-    """Handlers that block in all ways, long or brief; the journal is folded after every event."""
+    """Handlers that block in all ways, long or briefly. The journal is folded after every event."""
 
     handled = {  # noqa: RUF012
         "a": ("goal walk", "query where", "multi-query all"),
@@ -61,7 +61,7 @@ class JournaledLife(Folding, Blocking):
         self.declare("user", "query missing")
 
     def compare(self) -> None:
-        """The waits of central are the open waits of the journal."""
+        """Assert that the waits of central are the open waits of the journal."""
         waits = [wait for run in self.history.handlings for wait in run.waits]
         waits += [wait for module in self.history.modules.values() for wait in module.waits]
         journaled = sorted(wait.awaited for wait in waits if wait.end is None)
@@ -114,7 +114,7 @@ class JournaledLife(Folding, Blocking):
             self.send(name, message, origin=origin, blocking=operation == "ask", brief=brief)
 
     def end(self, operation: str, b: int, c: int) -> None:
-        """A wait is given up, or a slot is lost."""
+        """Give up a wait, or lose a slot."""
         connections = self.central.registry.connections.values()
         if operation == "give up":
             for one in [one for one in connections if one.waits or one.brief_waits][b % 4 :][:1]:
@@ -139,7 +139,9 @@ class JournaledLife(Folding, Blocking):
 
 
 def awaited(slot: Connection, number: int) -> int:
-    """The id of the message, task or claim that a connection waits for."""
+    """Return the id of the message, task or claim that a connection waits for; 0 if it waits for a
+    handler.
+    """
     due = slot.outstanding[number]
     if isinstance(due, PresenceWait):
         return 0

@@ -1,5 +1,6 @@
 """Central explains a wait from its graph, the tools from the journal. After every event of lives
-full of monitors both name the same cause first. Neither names a monitor that holds no task.
+full of monitors, central and the tools name the same cause first. Neither names a monitor that
+holds no task.
 """
 
 from collections.abc import Iterator
@@ -31,7 +32,7 @@ ENDS = END_HANDLING | END_ACHIEVING
 
 
 class ComparingPlayer(FoldedPlayer):
-    """Asks central and the tools after every event why each task waits."""
+    """A player that asks central and the tools after every event why each task waits."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,8 +79,9 @@ class ComparingPlayer(FoldedPlayer):
             )
 
     def assert_causes(self, task: Task, named: set[int]) -> None:
-        """No named cause is an idle monitor under the task, or its query. A monitor that cannot
-        begin may hold foreign tasks under it.
+        """Assert that no named cause is an idle monitor under the task, or the query of such a
+        monitor. Causes that ``awaited`` returns are exempt: a monitor that cannot begin may hold
+        foreign tasks under it.
         """
         living = self.central.tree.tasks
         idle = [
@@ -97,14 +99,14 @@ class ComparingPlayer(FoldedPlayer):
         assert not wrong or wrong <= self.awaited(task), f"{task}: {wrong}"
 
     def awaited(self, task: Task) -> set[int]:
-        """All direct and indirect causes of a wait, except through an idle monitor under its
-        parent.
+        """Return all direct and indirect causes of the wait of a task. The search does not go from
+        a task to an idle monitor under it.
         """
         path: list[Node] = [next_of(task)]
         if RunAt(self.history).tasks[task.id].state is TaskState.RECOVERING:
             path.append(
                 Place(task, END_ACHIEVING)
-            )  # its exception handler decides, perhaps before its handling
+            )  # the exception handler decides, perhaps before the task is handled
         seen = set(path)
         for node in path:  # grows while it is walked
             for one in (
@@ -124,8 +126,9 @@ class ComparingPlayer(FoldedPlayer):
         return {one.message_id for one in found if one is not None}
 
     def groups(self, node: Node) -> Iterator[Group | None]:
-        """The needs of a node. The tools name two more: a suspended task waits for the predecessors
-        of its start, too. A retried task waits for constrained monitors under it.
+        """Yield the needs of a node, and two more that the tools name. A suspended task also waits
+        for the predecessors of its start. A retried task also waits for constrained monitors under
+        it.
         """
         yield from needs(self.central, node)
         if isinstance(node, Place) and (
@@ -135,14 +138,16 @@ class ComparingPlayer(FoldedPlayer):
             yield from ([one] for one in before if not one.task.reached & one.moment)
 
     def is_via_idle_monitor(self, node: Place, other: Place) -> bool:
-        """Whether a node needs only the end of an idle monitor, without a constraint."""
+        """Whether *other* belongs to an idle monitor under the task of *node*, and no constraint
+        connects the two.
+        """
         is_led = any(number == other.task.id for _, number, _ in node.task.leaders or ())
         is_under = other.task is not node.task and other.task.find_above(node.task.id) is not None
         return is_under and not is_led and is_idle(self.central.tree.tasks, other.task)
 
 
 def is_idle(living: dict[int, Task], one: Task) -> bool:
-    """Whether a monitor ends with its last sibling: no constraint on its own end holds it."""
+    """Whether a background monitor ends with its last sibling: no constraint holds its end."""
     if not one.is_background or one.parent is None or one.parent.id == ROOT:
         return False
     leaders = [
@@ -156,15 +161,15 @@ def is_idle(living: dict[int, Task], one: Task) -> bool:
 
 
 def causes(central: Central, waits: list[WaitFor]) -> list[WaitFor]:
-    """The waits for other tasks, without failures raised beside a running handler."""
+    """Return the waits for other tasks, except for exception handlers."""
     living = central.tree.tasks
     deciding = {number for number, one in living.items() if one.role is Role.EXCEPTION}
     return [wait for wait in waits if wait.kind not in OWN_WAITS and wait.number not in deciding]
 
 
 def first(waits: list[WaitFor], task: Task) -> int:
-    """The oldest named cause; the parent comes last, as a constraint may be named by subtask or
-    parent.
+    """Return the oldest named cause. The parent counts only if it is the only cause, because a
+    constraint may be named for the subtask or for the parent.
     """
     others = [
         wait for wait in waits if task.parent is None or wait.number != task.parent.id
@@ -173,7 +178,7 @@ def first(waits: list[WaitFor], task: Task) -> int:
 
 
 class WatchedLife(Life):
-    """Monitors under all tasks, constraints on them, retries and suspensions."""
+    """A life with monitors under all tasks, constraints on them, retries and suspensions."""
 
     crowded = 25
     operations = (
@@ -217,7 +222,7 @@ def live(seed: int) -> ComparingPlayer:
 @example(298_566_280)  # a retried monitor waits for a listener before it is handled again
 @example(2_953_828_283)  # a constraint by a monitor under a retried task
 @example(4_106_698_539)  # an exception handler decides on a suspended task before its start
-@example(1_065_174_457)  # retried three times, it waits once for its subtasks
+@example(1_065_174_457)  # a task retried three times waits once for its subtasks
 @example(4_026_247_230)  # a suspended task also waits for the start of its parent, a monitor
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)

@@ -1,4 +1,4 @@
-"""One heap of events and one source of chance: the seed determines a life."""
+"""One heap of events and one source of chance, so that the seed determines a life."""
 
 import random
 from collections.abc import Callable
@@ -10,11 +10,13 @@ import msgspec
 
 
 class Broken(AssertionError):
-    """A promise is broken."""
+    """A promise that was broken."""
 
 
 class Clockwork:
-    """Runs events in the order of their times, and of their creation."""
+    """A queue of events. They run in the order of their times; at equal times, in the order of
+    their creation.
+    """
 
     def __init__(self, seed: int, *, write_trace: Callable[[str], None] | None = None) -> None:
         self.now = 0.0
@@ -31,7 +33,7 @@ class Clockwork:
         heappush(self._heap, (self.now + seconds, self._made, do, about))
 
     def step(self) -> bool:
-        """Run the next event; False if the heap is empty."""
+        """Run the next event. Return False if there is none."""
         if not self._heap:
             return False
         self.now, _, do, about = heappop(self._heap)
@@ -40,11 +42,11 @@ class Clockwork:
         return True
 
     def chance(self, of: float) -> bool:
-        """Whether an event of that probability happens now."""
+        """Whether an event with probability *of* happens now."""
         return of > 0 and self.dice.random() < of
 
     def between(self, low: float, high: float) -> float:
-        """A random number between two."""
+        """Return a random number between *low* and *high*."""
         return low + (high - low) * self.dice.random()
 
     # --- trace and digest -------------------------------------------------------------------------
@@ -55,7 +57,7 @@ class Clockwork:
         return self._write_trace is not None
 
     def note(self, what: bytes) -> None:
-        """Add to the digest."""
+        """Add something to the digest."""
         self._hash.update(b"%f " % self.now)
         self._hash.update(what)
 
@@ -66,12 +68,12 @@ class Clockwork:
 
     @property
     def digest(self) -> str:
-        """The digest of everything noted; equal lives have equal digests."""
+        """The digest of everything noted. Equal lives have equal digests."""
         return self._hash.hexdigest()
 
 
 def shown(header: msgspec.Struct) -> str:
-    """A header in short, without default values."""
+    """Return a header as a short text, without default values."""
     usual = header.__struct_defaults__
     names = header.__struct_fields__
     defaults = dict(zip(names[len(names) - len(usual) :], usual, strict=True))

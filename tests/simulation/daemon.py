@@ -1,9 +1,10 @@
-"""Central's process: the core, the daemon's own logs on a disk that fails, and the turns of its
-loop.
+"""Central's process in a simulation: the core, the daemon's own logs on a disk that fails, and the
+turns of the daemon's loop.
 
-A turn takes some packets, writes each to the log, passes it to the core, flushes the log, and only
-then sends packets. The process may end at each step. Afterwards only the disk remains.
-The daemon's own code continues from it, many times on one journal.
+In each turn the daemon takes some packets. It writes each packet to the log, and passes the packet
+to the core. Then the daemon flushes the log, and only then sends packets. The process may end at
+each step. Only the disk remains then. The daemon's own code for recovery continues from the disk,
+many times on one journal.
 """
 
 from collections import deque
@@ -48,11 +49,11 @@ BEAT_PERIOD, SWEEP_PERIOD, SYNC_PERIOD = 2.0, 30.0, 1.0
 
 
 class Crash(Exception):
-    """Central's process ends here."""
+    """The end of central's process."""
 
 
 class Daemon:
-    """Central during a life; it crashes and restarts."""
+    """Central during a life. It crashes and restarts."""
 
     def __init__(
         self,
@@ -67,8 +68,8 @@ class Daemon:
         self.log: RunLog | None = None
         self.journal: list[Entry] = []  #: published entries, each with its input
         self._safe = 0  #: the number of entries with synced inputs
-        self._perhaps: list[Entry] = []  #: unpublished entries that the journal may have
-        self._is_half = False  #: an input is handled or written, but not both
+        self._perhaps: list[Entry] = []  #: unpublished entries that the journal may contain
+        self._is_half = False  #: some input may be handled, but not on the disk
         self._expected: Central | None = None  #: the state to recover from the disk
         self.core: Central | None = None
         self.crashes = self.cuts = self.full = self.steps = self.images = 0
@@ -119,7 +120,9 @@ class Daemon:
         self.disk.fault = self._fault
 
     def _recover(self, *, is_new: bool) -> None:
-        """Recover. Every connection has broken; those of ended processes do not return."""
+        """Recover from the disk. Every connection has broken. The connections of ended processes do
+        not return.
+        """
         options, clockwork = self._options, self._clockwork
         if clockwork.chance(0.1):
             self._damage_image()
@@ -136,7 +139,7 @@ class Daemon:
         clockwork.trace("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
         folder.open(self, options.sync, hold=options.hold and not is_new)
         assert self.log is not None
-        self.log.images = None  # see ``_take_image``
+        self.log.images = None  # ``_take_image`` writes images instead
         if options.sees_processes:
             for connection in [
                 one for one in core.restart_pause.awaited if self.is_gone(one.module.incarnation)
@@ -148,7 +151,9 @@ class Daemon:
                 )
 
     def _refused(self, error: CentralError) -> None:
-        """The disk is full for a while; no other error may stop a restart."""
+        """Crash because the disk is full; with an even chance it has room afterwards. Raise Broken
+        for any other error.
+        """
         if not isinstance(error, DiskFull) or self.disk.room is None:
             raise Broken(f"central does not come back: {error}")
         self.full += 1
@@ -162,7 +167,7 @@ class Daemon:
             images[-1].write_bytes(images[-1].read_bytes()[:-1])
 
     def _compare(self, run: UnfinishedRun) -> None:
-        """Compare the recovered state and facts with the lost ones."""
+        """Compare the recovered state and facts with those from before the crash."""
         if self._expected is not None and (unlike := difference(self._expected, run.central)):
             raise Broken(f"the state that was lost, and the one that was recovered: {unlike}")
         before, self._perhaps = self.journal + self._perhaps, []
@@ -183,7 +188,7 @@ class Daemon:
         self._safe = len(self.journal)
 
     def _take_image(self) -> None:
-        """Write an image, as a child of the daemon does."""
+        """Write an image, as a child process of the daemon does."""
         if self.core is not None and can_encode(self.core):
             inputs, journal = self._logs
             before = inputs.write_now()
@@ -195,7 +200,7 @@ class Daemon:
                 self.images += 1
 
     def _sync(self) -> None:
-        """Sync the two logs, in any order."""
+        """Sync the two logs, in either order."""
         if self.log is not None:
             for log in self._logs if self._clockwork.chance(0.5) else self._logs[::-1]:
                 log._fsync()
@@ -208,7 +213,7 @@ class Daemon:
         return self.log._inputs, self.log._journal
 
     def crash(self, *, power: bool = True) -> None:
-        """The process is killed, perhaps by a power cut."""
+        """Kill the process, perhaps by a power cut."""
         self.crashes += 1
         self._life += 1
         clockwork, options = self._clockwork, self._options
@@ -238,7 +243,7 @@ class Daemon:
         clockwork.after(clockwork.between(0.05, options.away), self.start)
 
     def _fault(self) -> None:
-        """A step at which the process may crash."""
+        """Crash at this step, perhaps."""
         self.steps += 1
         if self.steps == self._options.crash_at or self._clockwork.chance(
             self._options.central_crashes
@@ -247,19 +252,19 @@ class Daemon:
 
     @property
     def now(self) -> float:
-        """Seconds on the core's clock, which stood still while central was away."""
+        """Seconds on the core's clock. This clock stood still while central was away."""
         now = self._clockwork.now - self._began
         return now if self.core is None else max(now, self.core.clock.now)  # because of rounding
 
     # --- inputs ---------------------------------------------------------------------------------
 
     def arrive(self, wire: Wire, packet: bytes) -> None:
-        """A packet arrives."""
+        """Accept a packet that arrives."""
         self._arrived.append((wire, packet))
         self._wake(self._clockwork.between(0.0, 0.001))
 
     def see_closed(self, connection: ConnectionId) -> None:
-        """A closed line is noticed; its earlier packets are handled first."""
+        """Notice a closed line. Packets that arrived earlier are handled first."""
         self._closed.append(connection)
         self._wake(0.0)
 
@@ -297,7 +302,7 @@ class Daemon:
         self._wake(0.0 if self._arrived or self._closed else max(0.0, until - self.now) + 0.0001)
 
     def _inputs(self) -> Iterator[Input]:
-        """The inputs of this turn."""
+        """Yield the inputs of this turn."""
         core = self.core
         assert core is not None
         known = core.registry.connections
@@ -320,8 +325,8 @@ class Daemon:
             yield from self._beat(core)
 
     def _beat(self, core: Central) -> Iterator[Input]:
-        """Send heartbeats to waiting connections, and now and then to all. Closed lines are noticed
-        this way.
+        """Send heartbeats to the connections that wait, and every ``SWEEP_PERIOD`` to all. A
+        heartbeat that cannot leave shows a closed line.
         """
         is_sweep = self.now >= self._next_sweep
         if is_sweep:
@@ -340,7 +345,7 @@ class Daemon:
     # --- effects ---------------------------------------------------------------------------------
 
     def handle_input(self, event: Input) -> None:
-        """Write an input, and handle it."""
+        """Write an input to the log, and handle it."""
         core, log, clockwork = self.core, self.log, self._clockwork
         assert core is not None
         assert log is not None

@@ -1,9 +1,9 @@
-"""The folder of a journal on a disk that fails: written bytes survive a kill, synced bytes survive
+"""The folder of a journal on a disk that fails. Written bytes survive a kill; synced bytes survive
 a power cut.
 
 The files are real, and the daemon's own code writes, shortens and removes them. ``os.write`` and
-``os.fsync`` are replaced. They record the safe bytes, let the process crash before and after each
-step, and limit the room.
+``os.fsync`` are replaced. The replacements record the safe bytes, let the process crash before and
+after each step, and limit the room.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ class Disk:
         self._boot.write_text("0")
         self._own = os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD
         os.write, os.fsync, os.fdatasync = self._write, self._sync, self._sync  # type: ignore[assignment]
-        # No thread syncs on its own.
+        # With these values, no thread of the daemon syncs on its own.
         input_log.BOOT, log_writer.SYNC_PERIOD = self._boot, _NEVER
         return self
 
@@ -110,7 +110,7 @@ class Disk:
     def kill(self) -> None:
         """End the process: close its files and end its threads."""
         for thread in threading.enumerate():
-            target = getattr(thread, "_target", None)  # None after its end
+            target = getattr(thread, "_target", None)  # None after the thread's end
             if target is not None and thread.name.startswith("sync ."):
                 target.__self__._stop_requested.set()
         for name in os.listdir("/proc/self/fd"):  # noqa: PTH208

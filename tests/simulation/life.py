@@ -1,5 +1,5 @@
-"""One life of a town: first with faults, then without, until everything has ended; or a promise is
-broken.
+"""One life of a town: some time with faults, then time without faults, in which everything must
+end. A broken promise raises Broken.
 """
 
 from collections.abc import Callable
@@ -116,7 +116,7 @@ class Life:
             self._end(self.clockwork.dice.choice(alive))
 
     def _end(self, name: str) -> None:
-        """A process crashes, and is restarted."""
+        """Crash a process, and restart it later."""
         self.processes[name].crash()
         self.clockwork.after(self.clockwork.between(0.05, self.options.away), self._start, name)
 
@@ -238,7 +238,7 @@ class Life:
             )
 
     def _judge_informs(self) -> None:
-        """Check that lost informs were counted."""
+        """Check that every lost inform was counted."""
         outside = self.outside
         alive = {
             thread.session for process in self.processes.values() for thread in process.threads

@@ -1,4 +1,4 @@
-"""The first difference between two states of central, with the path to it."""
+"""The first difference between two states of central, with the path to this difference."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ _ATOMS = (int, float, str, bytes, type(None), type)
 
 
 def difference(one: Central, other: Central) -> str:
-    """The path and values of the first difference; "" if the states are equal."""
+    """Return the path and values of the first difference; "" if the states are equal."""
     waiting: deque[tuple[str, Any, Any]] = deque([("central", one, other)])
     met: dict[int, int] = {}
     kept: list[Any] = []  # keeps each id() unique
@@ -43,8 +43,8 @@ def difference(one: Central, other: Central) -> str:
 
 
 def _parts(thing: Any) -> Iterator[tuple[Any, Any]]:
-    """The parts of a value, each with its name or place. Void entries of heaps are left out:
-    invariant checks remove them.
+    """Yield the parts of a value, each with its name or place. Void entries of heaps are left out,
+    because checks of the invariants remove them.
     """
     if isinstance(thing, Clock):
         yield "now", thing.now

@@ -1,9 +1,9 @@
-"""The lines between modules and central, as in ZeroMQ: in order, and with silent losses when they
-break.
+"""The lines between modules and central, as in ZeroMQ. Packets arrive in order; a line that breaks
+loses packets silently.
 
-A line has a new routing id at each connect. No end is notified of a break. Central notices it
-sooner or later. If the process lives on and reconnects, central may never notice. A module notices
-that no packet leaves, or that central does not know it.
+Each connect gives a line a new routing id. Neither end is notified of a break. Central notices the
+break sooner or later; if the module has reconnected before, perhaps never. A module notices that no
+packet leaves, or that central does not know the line.
 """
 
 from typing import Protocol
@@ -21,10 +21,10 @@ class Far(Protocol):
     """Central's end."""
 
     def arrive(self, wire: "Wire", packet: bytes) -> None:
-        """A packet arrives."""
+        """Accept a packet that arrives."""
 
     def see_closed(self, connection: ConnectionId) -> None:
-        """A closed line is noticed."""
+        """Notice a closed line."""
 
 
 class Near(Protocol):
@@ -33,10 +33,10 @@ class Near(Protocol):
     name: str
 
     def receive(self, packet: bytes) -> None:
-        """A packet arrives."""
+        """Accept a packet that arrives."""
 
     def has_line(self) -> None:
-        """The line is connected."""
+        """Continue, because the line is connected."""
 
 
 class Wire:
@@ -52,7 +52,7 @@ class Wire:
 
 
 class Socket:
-    """A module's end of a line; it reconnects after a break."""
+    """A module's end of a line. The socket reconnects after a break."""
 
     def __init__(self, network: "Network", owner: Near) -> None:
         self.network, self.owner = network, owner
@@ -60,11 +60,11 @@ class Socket:
         self.is_closed = False
 
     def send(self, packet: bytes) -> bool:
-        """Send a packet. Returns whether it left."""
+        """Send a packet. Return whether it left."""
         return self.wire is not None and self.network.carry_up(self.wire, packet)
 
     def close(self) -> None:
-        """Close the socket. Central notices later; sent packets still arrive."""
+        """Close the socket. Central notices later. Packets already sent usually still arrive."""
         self.is_closed = True
         wire, self.wire = self.wire, None
         if wire is not None:
@@ -78,7 +78,7 @@ class Network:
         self._clockwork, self._options = clockwork, options
         self.central: Far
         self.is_listening = False  #: whether central runs
-        self.wires: dict[ConnectionId, Wire] = {}  #: open ones
+        self.wires: dict[ConnectionId, Wire] = {}  #: the open lines
         self._sockets: list[Socket] = []
         self._numbers = 0
         self.breaks = 0
@@ -124,7 +124,7 @@ class Network:
             self.central.arrive(wire, packet)
 
     def carry_down(self, connection: ConnectionId, packet: bytes) -> bool:
-        """Send a packet to a module; False if central has noticed that the line is closed."""
+        """Send a packet to a module. Return False if the line has ended."""
         wire = self.wires.get(connection)
         if wire is None:
             return False
@@ -160,7 +160,7 @@ class Network:
         self._connect_soon(wire.socket)
 
     def close(self, wire: Wire) -> None:
-        """The module's end is closed. Packets to central usually still arrive."""
+        """Close the module's end of a line. Packets to central usually still arrive."""
         clockwork = self._clockwork
         wire.carries_down = False
         self._sockets.remove(wire.socket)
@@ -173,7 +173,9 @@ class Network:
             self.central.see_closed(wire.id)
 
     def lose_central(self) -> None:
-        """End all lines, as central's process has ended. Modules may still receive earlier packets."""
+        """End all lines, because central's process has ended. Modules may still receive earlier
+        packets.
+        """
         self.is_listening = False
         self._numbers *= not self._options.ids_again
         for wire in self.wires.values():

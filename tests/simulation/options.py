@@ -1,4 +1,4 @@
-"""The faults of a life: each seed draws their kinds and rates."""
+"""The faults and features of a life. Each seed draws them."""
 
 import random
 
@@ -22,25 +22,27 @@ class Options(msgspec.Struct):
     leaves: float = 0.0
     """The rate at which modules leave and return."""
     central_crashes: float = 0.0
-    """The chance at each step of central's turn: before, within and after each write."""
+    """The chance of a crash at each step of central's turns. Steps lie before, within and after
+    each write.
+    """
     crash_at: int = 0
     """Crash at just this step of central's turns (0: by chance)."""
     power_cuts: float = 0.0
-    """The chance that a crash of central loses what was not synced."""
+    """The chance that a crash of central also loses the bytes that were not synced."""
     full_disks: float = 0.0
-    """The chance in each turn that the disk fills; it stays full until central has failed on it for
-    a while.
+    """The chance in each turn that the disk is about to fill. After each failure of central by the
+    full disk, there may be room again.
     """
     sync: Sync = Sync.ALWAYS
     hold: bool = False
-    """A restarted central starts no task until it is told to."""
+    """A restarted central starts no task until a module tells central to continue."""
     sees_processes: bool = False
-    """A restarted central knows the ended processes."""
+    """A restarted central knows which processes have ended."""
     snapshots: float = 0.0
     ids_again: bool = False
-    """A new central counts routing ids from the beginning."""
+    """A restarted central counts routing ids from the beginning."""
     away: float = 2.0
-    """The longest time that a crashed central, or module, is away."""
+    """The longest time for which a crashed central, or a crashed module, is away."""
     trusts_all: bool = False
     """Every slot gets prefetched messages."""
     slow: float = 0.1
@@ -55,7 +57,7 @@ class Options(msgspec.Struct):
 
     @property
     def is_lossy(self) -> bool:
-        """Whether central may forget what it has acknowledged."""
+        """Whether central may forget messages that it has acknowledged."""
         return self.power_cuts > 0 and self.sync is not Sync.ALWAYS
 
 
@@ -76,8 +78,8 @@ FEATURES = (
 
 
 def drawn(dice: random.Random) -> Options:
-    """Draw some faults and some features. The ones left out give the others more room (swarm
-    testing).
+    """Draw some faults and some features. A life with few features tries each of them more often
+    (swarm testing).
     """
     some = dice.random
     options = Options(

@@ -1,9 +1,9 @@
-"""The world outside of all processes, unaffected by crashes: the runs of handlers, and the promises
-made to users.
+"""The world outside of all processes, which no crash affects: the runs of handlers, and the
+promises made to users.
 
-Every message bears a token of its own as data. The promises checked here are those of
-docs/reliability.md. No acknowledged task is lost, and no command starts twice without notice. Order
-and exclusion hold, and results are those of the handlers.
+Every message carries a token of its own as data. The promises are those of docs/reliability.md. No
+acknowledged task is lost, and no command starts twice without notice. Constraints hold, locks
+exclude handlers, and each result is one that a handler returned.
 """
 
 from collections import defaultdict
@@ -134,7 +134,7 @@ class Outside:
         not_before: float = 0.0,
         sender: Any = None,
     ) -> int:
-        """Register a sent message. Returns its token."""
+        """Register a sent message. Return its token."""
         self.tokens += 1
         token = self.tokens
         self.sent[token] = Sent(token, message, above, after, not_before)
@@ -148,19 +148,19 @@ class Outside:
         return token
 
     def orders(self, one: int, other: int) -> None:
-        """Central has accepted the order of two tasks."""
+        """Note that central has accepted the order of two tasks."""
         sent = self.sent[other]
         self.sent[other] = sent._replace(after=(*sent.after, one))
 
     def acknowledged(self, token: int, task: int) -> None:
-        """Central has acknowledged a task."""
+        """Note that central has acknowledged a task."""
         known = self.task_of.setdefault(token, task)
         if known != task and not self.is_lossy:
             raise Broken(f"token {token} became task {known}, and then task {task}")
         self.counts["acknowledged"] += 1
 
     def answered(self, token: int, outcome: Outcome, failure: str, body: bytes) -> None:
-        """A waiting client received the outcome."""
+        """Note the outcome that a waiting client received, and check it."""
         self.outcomes[token] = (outcome, failure, body)
         self.counts["answered"] += 1
         if outcome is Outcome.DONE and not failure:
@@ -177,7 +177,7 @@ class Outside:
     # --- handlers ---------------------------------------------------------------------------------
 
     def begin(self, work: Work, header: headers.Deliver, body: bytes) -> None:
-        """A handler starts."""
+        """Note that a handler starts, and check that it may."""
         clockwork, process = self.clockwork, work.thread.process
         value = decode(body) if body else 0
         token = (
@@ -215,20 +215,20 @@ class Outside:
     def end(
         self, work: Work, header: headers.Deliver, body: bytes, failing: Failing | None
     ) -> None:
-        """A handler has ended."""
-        run = self.at_work.pop(work)  # not by number: a lossy central may use it again
+        """Note that a handler has ended."""
+        run = self.at_work.pop(work)  # not by number: a lossy central may use a number again
         run.ended, run.reply = self.clockwork.now, body
         run.failure = failing.failure if failing is not None else ""
         self.trace(run.process.name, f"ENDS   {run} {run.failure}")
         self.clockwork.note(b"end %d" % header.delivery)
 
     def retries(self, task: int) -> None:
-        """An exception handler asks for a retry."""
+        """Note that an exception handler requests a retry."""
         self.asked_again[task] += 1
         self.counts["retries"] += 1
 
     def die(self, process: Process) -> None:
-        """A process has ended; its running handlers are lost."""
+        """Note that a process has ended. Its running handlers are lost."""
         for run in self.runs:
             if run.process is process and run.ended < 0:
                 run.is_lost = True
@@ -281,7 +281,7 @@ class Outside:
             above = self.sent.get(above.above)
 
     def _commands(self, token: int) -> Any:
-        """The runs of a command, or of all commands below a goal."""
+        """Yield the runs of a command, or of all commands below a goal."""
         if self.sent[token].message not in GOALS:
             yield from self.of_token[token]
         for one in self.under[token]:
@@ -295,7 +295,9 @@ class Outside:
             yield from self._going_on(one)
 
     def holds(self, thread: Thread, resource: str, origin: int, patience: float) -> None:
-        """Check a lock that a program believes it holds; its line may have broken just now."""
+        """Check a lock that a program believes it holds. If the lock has ended, the program may not
+        know so for *patience* after its next welcome.
+        """
         if self.is_lossy:
             return
         sender = thread.session.module
@@ -327,7 +329,7 @@ class Outside:
     # --- the journal ------------------------------------------------------------------------------
 
     def take_back(self, journal: list[Entry]) -> None:
-        """The journal has lost its other entries."""
+        """Begin again with *journal*, because the journal has lost all other entries."""
         counts = self.counts.copy()
         self._begin_journal()
         self.publish(journal)

@@ -1,4 +1,4 @@
-"""Lives of a simulated town, each determined by its seed, keep every promise in spite of faults."""
+"""Simulated lives of a town keep every promise in spite of faults. A seed determines each life."""
 
 import os
 import random
@@ -11,7 +11,7 @@ from simulation.life import Life
 
 
 def live(seeds: range) -> dict[str, int]:
-    """Run lives, and count their events."""
+    """Run a life for each seed, and count events."""
     counts: dict[str, int] = {}
     for seed in seeds:
         life = Life(seed)

@@ -1,10 +1,10 @@
-"""Modules as processes with threads: each thread has a connection with the library's own session,
+"""Modules as processes with threads. Each thread has a connection with the library's own session,
 and runs handlers.
 
-A handler is a generator, which yields the use of its time. ``Busy``: its thread receives nothing.
-``Nap``: its thread receives and handles packets. A request: its thread waits until that is over. As
-in the library, a waiting thread handles messages within the wait. A wait ends early when the task
-is killed.
+A handler is a generator. Each yielded value says how the handler spends its time. ``Busy``: its
+thread receives nothing. ``Nap``: its thread receives and handles packets. A request, or ``Wait``:
+its thread waits until the request is over. As in the library, a waiting thread handles messages
+within the wait. A wait ends early when the task is killed.
 """
 
 from collections import deque
@@ -40,14 +40,14 @@ class Nap(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """Time in which a thread waits for an answer, up to a limit."""
+    """Time in which a thread waits for the answer to a request, up to a limit."""
 
     request: Request
     seconds: float
 
 
 class Failing(Exception):
-    """A handler fails."""
+    """A failure that a handler raises."""
 
     def __init__(self, failure: str, *, reissue: bool = False) -> None:
         super().__init__(failure)
@@ -55,11 +55,13 @@ class Failing(Exception):
 
 
 class Woken(Exception):
-    """A handler's wait ends without an answer: its task was killed, or central is silent."""
+    """The end of a wait without an answer: the task was killed, central is silent, or the time is
+    over.
+    """
 
 
 class Lost(Exception):
-    """A request was refused, or lost."""
+    """The end of a wait for a request that was refused or lost."""
 
     def __init__(self, request: Request) -> None:
         refused = request.refused
@@ -142,13 +144,13 @@ class Thread:
     # --- the line ---------------------------------------------------------------------------------
 
     def receive(self, packet: bytes) -> None:
-        """A packet arrives."""
+        """Accept a packet that arrives."""
         self.arrived.append(packet)
         if not self.is_busy:
             self.advance()
 
     def has_line(self) -> None:
-        """The line is connected again."""
+        """Continue, because the line is connected again."""
         if not self.is_busy:
             self.advance()
 
@@ -210,7 +212,7 @@ class Thread:
         self.wake(due)
 
     def _does_next(self) -> bool:
-        """Do the first possible action; False if it has none."""
+        """Do the first possible action. Return False if there is none."""
         session = self.session
         if self.arrived:
             self._receive(self.arrived.popleft())
@@ -232,7 +234,7 @@ class Thread:
 
     def _end_turn(self) -> None:
         if self.session.held_replies.ended and self.is_busy:
-            self.clockwork.after(LATE, self._flush_late)  # by another thread
+            self.clockwork.after(LATE, self._flush_late)  # as another thread of the library does
         else:
             self.flush()
         self.session.held_replies.stop()
@@ -272,7 +274,7 @@ class Thread:
         self._go_on(work)
 
     def _goes_on(self, work: Work) -> bool:
-        """Continue a handler whose wait is over. Returns whether it is."""
+        """Continue a handler whose wait is over. Return whether the wait was over."""
         request, session = work.request, self.session
         is_over = request.is_over if request is not None else False
         reason = (
@@ -343,7 +345,7 @@ class Thread:
                 self.clockwork.after(step.seconds, self._is_done, work)
 
     def _is_done(self, work: Work) -> None:
-        """The busy time of a handler is over."""
+        """Continue a handler whose busy time is over."""
         if not self.is_over:
             self._go_on(work)
             self.advance()
@@ -375,7 +377,7 @@ class Thread:
     # --- its end ----------------------------------------------------------------------------------
 
     def _leaves(self) -> bool:
-        """Say goodbye if no work is left. Returns whether it did."""
+        """Say goodbye if no work is left. Return whether the thread did so."""
         if self.stack or (not self.number and self.process.has_slots):
             return False
         session = self.session
@@ -410,7 +412,7 @@ class Program:
         raise NotImplementedError
 
     def begin(self, process: "Process", work: Work) -> Steps:
-        """The main program: declares the handlers, opens slots."""
+        """Run the main program: declare the handlers, open slots."""
         raise NotImplementedError
 
 
@@ -476,7 +478,7 @@ class Process:
                 thread.advance()
 
     def has_ended(self, thread: Thread) -> None:
-        """A thread has said goodbye."""
+        """Note that a thread has said goodbye. The first thread says goodbye last."""
         first = self.threads[0]
         if thread is first:
             self.is_alive = False

@@ -1,5 +1,5 @@
-"""The programs of the town: modules that handle goals, commands, queries and failures, and users
-that send them.
+"""The programs of the town. Modules handle goals, commands, queries and failures. Users send
+messages.
 """
 
 from collections.abc import Callable
@@ -76,7 +76,7 @@ USED = {
         "replan",
     ),
 }
-"""The messages that each program sends or attaches to."""
+"""The messages that each program sends, or names in attachments."""
 FAILURES = ("slipped", "stumbled")
 
 
@@ -88,7 +88,7 @@ class SentTask:
 
 
 class Hands:
-    """The actions of a program, on its thread."""
+    """The actions of a program, in one of its threads."""
 
     def __init__(self, town: "TownProgram", work: Work) -> None:
         self.thread: Thread = work.thread
@@ -99,7 +99,7 @@ class Hands:
         self.origin: Any = work.delivery.delivery if work.delivery is not None else 0
 
     def has(self, feature: str) -> bool:
-        """Whether a feature is in this life and is used now."""
+        """Whether this life has a feature, and a chance decides to use it now."""
         return feature in self.options.features and self.dice.random() < 0.4
 
     def task(self, message: str, above: int, **options: Any) -> SentTask:
@@ -147,7 +147,7 @@ class Hands:
             self.outside.acknowledged(sent.token, int(sent.request.accepted))
 
     def known(self, sent: SentTask) -> Steps:
-        """Wait for central's acknowledgement."""
+        """Wait until central has acknowledged a task."""
         if not sent.request.is_over:
             try:
                 yield sent.request
@@ -179,7 +179,7 @@ class Hands:
         return token, request
 
     def answer(self, token: int, request: Request) -> Steps:
-        """Wait for the answer."""
+        """Wait for the answer to a query or multi-query."""
         if not request.is_over:
             yield request
         if request.has_failed:
@@ -202,7 +202,7 @@ class Hands:
         return self.session.request(header, body, wants_answer=wants_answer)
 
     def passes(self) -> Busy | Nap:
-        """A random duration."""
+        """Return a random duration, busy or listening."""
         seconds = self.dice.random() * self.options.slow
         return (
             Nap(seconds)
@@ -222,7 +222,7 @@ class TownProgram(Program):
         self.name, self.options, self.outside = name, options, outside
 
     def begin(self, process: Process, work: Work) -> Steps:
-        """Declare the messages, attach exception handlers, open slots."""
+        """Declare the messages, attach exception handlers, and open slots."""
         hands = Hands(self, work)
         session = work.session
         handled = MODULES[self.name]
@@ -271,7 +271,7 @@ def _token(hands: Hands, header: headers.Deliver) -> int:
 
 
 def _acts(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
-    """Handle a command: it takes time, and may fail."""
+    """Handle a command, which takes time and may fail."""
     yield hands.passes()
     if header.message == "move" and hands.has("many"):
         yield from hands.answer(*hands.ask("where"))
@@ -413,7 +413,7 @@ _HANDLERS: dict[str, Callable[..., Steps]] = {
 
 
 class User(TownProgram):
-    """A user: sends messages and waits for them."""
+    """A program that sends messages and waits for their outcomes."""
 
     def __init__(self, name: str, options: Options, outside: Outside) -> None:
         super().__init__(name, options, outside)
@@ -425,7 +425,7 @@ class User(TownProgram):
         session = work.session
         known = [
             sent for sent in self.open if sent.request.accepted is not None
-        ]  # of a run that has crashed
+        ]  # of an earlier run, which crashed
         self.open = [
             SentTask(sent.token, sent.request, TaskId(int(sent.request.accepted or 0)))
             for sent in known
@@ -562,7 +562,9 @@ class User(TownProgram):
 
 
 class Janitor(TownProgram):
-    """Resumes the tasks that crashed users have suspended."""
+    """A program that resumes the tasks that crashed users have suspended. If central holds tasks
+    after a restart, the janitor lets them start.
+    """
 
     def __init__(
         self, options: Options, outside: Outside, suspended: Callable[[], list[TaskId]]

@@ -21,8 +21,8 @@ FIRST, MONTH = 200_000, 2_600_000
 event.
 """
 SLACK = 1_000
-"""The allowed difference of objects, for the newest answers. One object per thousand events would
-exceed it.
+"""The allowed difference in the number of objects, for the newest answers. One object per thousand
+events would exceed it.
 """
 
 
@@ -41,7 +41,7 @@ class Forgetful(Player):
 
 
 def size_of(central: Central) -> tuple[int, int]:
-    """The number of objects reachable from central, without code, and their bytes."""
+    """Return the number of objects reachable from central, without code, and their bytes."""
     count = size = 0
     for one in reachable(central):
         count += 1

@@ -26,7 +26,7 @@ STEP, LONG = Command("step", str, result=int), 4000
 
 
 def life(sync: Sync, seconds: float, cuts: int) -> None:
-    """Run a life with users. Central is killed, in two of three cases with a power cut. The disk is
+    """Run a life with users. Central is killed again and again, often by a power cut. The disk is
     full now and then.
     """
     features = frozenset(FEATURES) - ({"lock"} if sync is Sync.BATCH else set())
@@ -66,7 +66,7 @@ def test_journal_survives_five_hundred_power_cuts(sync: Sync) -> None:
 
 @contextmanager
 def small_disk(place: Path) -> Iterator[Path]:
-    """A separate disk of 32 megabytes."""
+    """Mount a separate disk of 32 megabytes for the block."""
     place.mkdir()
     if (
         os.getuid()
@@ -90,7 +90,9 @@ def fill(ballast: Path, spare: int) -> None:
 
 
 def use(address: str, ballast: Path, spare: int) -> set[int]:
-    """Fill the disk and send more tasks than it can hold. Returns the accepted tasks, all done."""
+    """Fill the disk, and send more tasks than it can hold. Return the accepted tasks, all of which
+    are done.
+    """
     found = set()
     with connect("user", address, patience=60) as user:
         user.status()
@@ -105,8 +107,8 @@ def use(address: str, ballast: Path, spare: int) -> set[int]:
 
 @pytest.mark.soak
 def test_journal_survives_thirty_full_disks(tmp_path: Path) -> None:
-    """``tca run`` waits for room, other starts fail, and central is sometimes killed after its
-    return.
+    """``tca run`` waits for room, and other starts of central fail. Sometimes central is killed
+    after it has returned.
     """
     address, dice, known = f"ipc://{tmp_path}/c.sock", Random(7), set[int]()
     legs = Module("legs", address)

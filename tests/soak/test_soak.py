@@ -18,7 +18,9 @@ MOST_HARMLESS = 2
 """Faults in 500 m without an effect: a rock beside the leg's path, a rock at the last footstep."""
 
 MOST_GROWTH = 10.0
-"""MB per 100 m. A heap may grow once by 20 MB; a leak in each step grows more."""
+"""The greatest growth of memory, in MB per 100 m. A heap may grow once by 20 MB; a leak in each
+step grows more.
+"""
 
 
 def test_ambler_walks_500_m_of_steep_hills_with_all_faults(

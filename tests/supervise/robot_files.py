@@ -1,4 +1,4 @@
-"""``tca run`` as a process with its robot file and its output."""
+"""A process of ``tca run``, with its robot file and its output."""
 
 import os
 import re
@@ -44,14 +44,14 @@ class Running:
         self.process.send_signal(number)
 
     def end(self) -> tuple[int, str]:
-        """Wait for the end. Returns the exit code and standard error."""
+        """Wait for the end. Return the exit code and standard error."""
         for line in self.process.stdout:
             self._record(line)
         errors = self.process.stderr.read()
         return self.process.wait(SOON), errors
 
     def leaves_nothing(self) -> None:
-        """Wait until all processes that it started have ended."""
+        """Wait until all processes that ``tca run`` started have ended."""
         for name, group in self.groups.items():
             _await_end(name, group)
 
@@ -72,7 +72,7 @@ def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
 
 
 def guards_of(process: int) -> list[int]:
-    """The current guards of a ``tca run``."""
+    """Return the current guards of a process ``tca run``."""
     children = [
         child
         for file in Path(f"/proc/{process}/task").glob("*/children")

@@ -22,7 +22,7 @@ IDLE = ("sh", "-c", "echo idle; exec sleep 60")
 
 @contextmanager
 def interrupted_after(seconds: float) -> Iterator[None]:
-    """Raise KeyboardInterrupt, as Ctrl-C does."""
+    """Raise KeyboardInterrupt in the block after *seconds*, as Ctrl-C does."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -37,7 +37,7 @@ def interrupted_after(seconds: float) -> Iterator[None]:
 
 
 def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
-    """Start a program and wait for its first output. Returns its process number."""
+    """Start a program, and wait for its first output. Return its process number."""
     process = programs.start(name, *command)
     until(lambda: programs.log(name).read_text(), f"{name} has begun")
     return process

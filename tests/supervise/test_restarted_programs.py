@@ -1,4 +1,4 @@
-"""``tca run``: programs that crash, hang or end slowly; and a killed ``tca run``."""
+"""``tca run`` with programs that crash, hang or end slowly. ``tca run`` itself may be killed."""
 
 import re
 import signal
@@ -91,7 +91,9 @@ def test_stop_lets_programs_clean_up_and_kills_the_rest(tmp_path: Path) -> None:
 
 @contextmanager
 def repeated(act: Callable[[], None]) -> Iterator[None]:
-    """Repeat an action five times a second during the block, since the first may come too early."""
+    """Repeat an action five times a second during the block, because the first one may come too
+    early.
+    """
     over = threading.Event()
 
     def repeat() -> None:
@@ -136,7 +138,7 @@ def test_no_program_is_left_when_run_and_guard_are_killed(tmp_path: Path) -> Non
 
 
 def test_program_that_cannot_start_counts_as_crashed(tmp_path: Path) -> None:
-    """The guard does not treat it as a process to kill."""
+    """The guard does not treat the failed start as a process to kill."""
     (tmp_path / "gone.sh").write_text("#!/bin/sh\nrm $0; exit 1\n")
     (tmp_path / "gone.sh").chmod(0o755)
     with robot(
@@ -219,7 +221,7 @@ hung = "restart"
 
 
 def test_robot_file_of_the_example_runs(tmp_path: Path) -> None:
-    """A round is finished although the driving program crashes during it."""
+    """A round is finished, although the program that drives crashes during the round."""
     example = Path(__file__).parents[2] / "examples" / "robot"
     for program in example.iterdir():
         if program.is_file():

@@ -14,7 +14,9 @@ TRANSCRIPTS = Path(__file__).parent / "transcripts"
 
 @pytest.fixture
 def tca(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
-    """Runs ``tca`` with these arguments; the result has exit_code, stdout and stderr."""
+    """Return a function that runs ``tca`` with arguments. Its result has exit_code, stdout and
+    stderr.
+    """
     monkeypatch.delenv("COLUMNS", raising=False)
 
     def run(*arguments: object, **environment: str) -> Result:
@@ -27,13 +29,15 @@ def tca(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """The journal of the walk that ends with a failure."""
+    """Write the journal of the walk that ends with a failure. Return its folder."""
     return stumbling().write(tmp_path / "run")
 
 
 @pytest.fixture
 def expect(rewrite: bool) -> Callable[[str, str], None]:
-    """Compares a text with the file of that name; ``--rewrite`` replaces it."""
+    """Return a function that compares a text with the file of a name. ``--rewrite`` replaces the
+    file.
+    """
 
     def compare(name: str, text: str) -> None:
         path = TRANSCRIPTS / f"{name}.txt"

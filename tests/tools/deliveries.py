@@ -14,7 +14,9 @@ from tca_wire.journal.records import record
 def deliver(
     free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: float | None = None
 ) -> list[Entry]:
-    """A delivery to box B if it is free, which may change after 2 s."""
+    """Return the entries of a delivery to box B if it is free. After 2 s, *free* may become
+    *changed*.
+    """
     with play(delivery(), policy) as run:
         ran = run.begin()
         run.box_b(free)
@@ -28,12 +30,16 @@ def deliver(
 
 
 def undone() -> list[Entry]:
-    """The arm is ahead at box B, which turns out to be taken. It must go home first."""
+    """Return the entries of a run in which box B turns out to be taken while the arm is ahead
+    there. The arm must go home first.
+    """
     return _taken_after(4, fork(arm("box B", undo=HOME), opened(arm="home")))
 
 
 def too_late() -> list[Entry]:
-    """The arm is ahead at box B, which turns out to be taken. It reaches box C after the base."""
+    """Return the entries of a run in which box B turns out to be taken while the arm is ahead
+    there. The arm reaches box C after the base.
+    """
     return _taken_after(6, fork(arm("box B"), arm("box C")))
 
 
@@ -49,7 +55,9 @@ def _taken_after(seconds: float, machine: Coordination) -> list[Entry]:
 
 
 def held_up() -> list[Entry]:
-    """A branch needs the arm at home, so the arm waits for its turn in both runs."""
+    """Return the entries of two runs. A branch needs the arm at home, so the arm waits for its turn
+    in both.
+    """
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
         for _ in range(2):
@@ -60,7 +68,7 @@ def held_up() -> list[Entry]:
 
 
 def killed() -> list[Entry]:
-    """The delivery is killed while the arm moves ahead."""
+    """Return the entries of a delivery that is killed while the arm moves ahead."""
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.box_b(1.0)
@@ -79,7 +87,9 @@ def written(entries: list[Entry], folder: Path) -> Path:
 
 
 def figure_7(folder: Path) -> list[Path]:
-    """Journals of the best case, a box occupied on the way, and the worst case without preview."""
+    """Write three journals: the best case, a box that is occupied on the way, and the worst case
+    without preview.
+    """
     return [
         written(deliver(1.0), folder / "free"),
         written(deliver(1.0, changed=0.0), folder / "occupied on the way"),

@@ -1,4 +1,4 @@
-"""Journals of the real core, and changes to them: one fact lost, duplicated or moved."""
+"""Journals of the real core, and changes to such journals: one fact lost or duplicated."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -21,7 +21,7 @@ OPENED = Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION, "epoch", 1, 1_700_000_000.
 
 
 def checked(entries: Iterable[Entry]) -> list[Violation]:
-    """The breaches of rules in a journal."""
+    """Return the breaches of rules in a journal."""
     checker = CheckedRun()
     for entry in entries:
         checker.apply(entry)
@@ -30,8 +30,8 @@ def checked(entries: Iterable[Entry]) -> list[Violation]:
 
 
 def walk() -> list[Entry]:
-    """A walk with everything: queries, failures, retries, wiretaps, monitors, kills, suspension,
-    locks, delays.
+    """Return the journal of a walk with everything: queries, failures, retries, wiretaps, monitors,
+    kills, suspension, locks, delays.
     """
     player = Player()
     _join(player)
@@ -102,7 +102,7 @@ def _finish(player: Player) -> None:
 
 
 def _step(player: Player, step: int, *, slips: bool) -> None:
-    """A step is planned, then walked. A step that slips is retried."""
+    """Plan a step, then walk it. A step that slips is retried."""
     planner = next(slot for slot in ("planner/1", "planner/2") if step in player.delivered(slot))
     player.send(planner, "where", under=step, origin=step)
     player.reply("legs/1", value=5)
@@ -129,7 +129,9 @@ def duplicated(facts_before: list[facts.Fact], place: int) -> list[facts.Fact]:
 
 
 def changed(entries: list[Entry], change: Change, *kinds: str) -> Iterator[tuple[str, list[Entry]]]:
-    """Journals with one fact changed, for each fact of the given kinds (default: all)."""
+    """Yield journals with one changed fact each. Each fact of the given kinds (default: all) is
+    changed in turn.
+    """
     for number, entry in enumerate(entries):
         for place, fact in enumerate(entry.facts):
             if not kinds or kind_of(fact) in kinds:
@@ -141,7 +143,7 @@ TRANSCRIPTS = Path(__file__).parent.parent / "central" / "transcripts"
 
 
 def played(transcript: str) -> Player:
-    """The player of a transcript, after its last command."""
+    """Return the player of a transcript, after its last command."""
     replayed = Transcript()
     for block in (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]:
         for command in block.split("\n----")[0].splitlines():

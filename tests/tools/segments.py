@@ -1,4 +1,4 @@
-"""Builders of journal segments, and readers of logs with their remarks."""
+"""Builders of journal segments, and readers of logs and of the remarks about them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -33,7 +33,9 @@ class EndOfTest(Exception):
 
 
 def followed(log: Log, *happenings: Callable[[], object]) -> list[int]:
-    """The numbers of the entries seen by a follower, which calls one happening at each wait."""
+    """Return the numbers of the entries that a follower sees. At each wait of the follower, one
+    happening is called.
+    """
     left = list(happenings)
 
     def wait() -> None:

@@ -1,4 +1,4 @@
-"""Builders of journals: a story adds, event by event, the facts that central would write."""
+"""Builders of journals. A story adds, event by event, the facts that central would write."""
 
 import fcntl
 import json
@@ -31,7 +31,7 @@ BORN_PLANNED = Moment.START_PLANNING | Moment.END_PLANNING
 
 @contextmanager
 def silent_for(run: Path, seconds: float) -> Iterator[None]:
-    """The journal is open, as for a live central, and was last written *seconds* ago."""
+    """Hold a journal open, as a live central does. Its last write was *seconds* ago."""
     segment = run / "00000001.tcaj"
     os.utime(segment, (time.time() - seconds,) * 2)
     with segment.open("ab") as central:
@@ -40,7 +40,9 @@ def silent_for(run: Path, seconds: float) -> Iterator[None]:
 
 
 class Story:
-    """A journal in the making. ``at`` moves the clock; each other method adds facts to that event."""
+    """A journal in the making. ``at`` begins an event at a time; each other method adds facts to
+    this event.
+    """
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
@@ -55,7 +57,7 @@ class Story:
         return self
 
     def asked_by(self, delivery: int) -> "Story":
-        """A handler caused the current event."""
+        """Note that a handler caused the current event."""
         entry = self.entries[-1]
         self.entries[-1] = Entry(
             entry.number, entry.time, entry.facts, Request("any", 1, 1, "Kill", delivery)
@@ -66,7 +68,7 @@ class Story:
         return History.until(self.caused(), until)
 
     def caused(self) -> list[Entry]:
-        """The entries. An entry without a cause gets the cause that its facts imply."""
+        """Return the entries. An entry without a cause gets the cause that its facts imply."""
         claims: dict[int, facts.Claimed] = {}
         return [
             entry if entry.cause else msgspec.structs.replace(entry, cause=_cause(entry, claims))
@@ -100,7 +102,7 @@ class Story:
         to: str = "",
         begins: bool = False,
     ) -> int:
-        """A message, optionally delivered *to* a module and achieving at once."""
+        """Add a message. *to* delivers it to a module; *begins* also starts its achieving."""
         number, self._next_id = self._next_id, self._next_id + 1
         this = [
             msgspec.structs.replace(
@@ -194,7 +196,7 @@ class Story:
     def query(
         self, message: str, sender: str, origin: int, module: str, took: float, **more: Any
     ) -> int:
-        """A query that takes *took* seconds. The clock stands at its answer afterwards."""
+        """Add a query that takes *took* seconds. Afterwards the clock stands at the answer."""
         time = self.entries[-1].time
         number = self.received(message, QUERY, sender, 0, origin=origin, blocking=True, **more)
         self.delivered(number, module)
@@ -213,7 +215,7 @@ class Story:
         return b"".join(map(record, self.caused()))
 
     def write(self, folder: Path, segments: int = 1) -> Path:
-        """The journal as a directory, with its entries spread over *segments* files."""
+        """Write the journal as a folder, with its entries spread over *segments* files."""
         folder.mkdir(parents=True)
         entries_with_causes = self.caused()
         size = -(-len(entries_with_causes) // segments)
@@ -237,7 +239,7 @@ class Story:
 
 
 def _cause(entry: Entry, claims: dict[int, facts.Claimed]) -> Request | None:
-    """The implied request: the reply of a handler, or the first send or lock."""
+    """Return the implied request: the reply of a handler, or the first send, lock or unlock."""
     sent: Request | None = None
     for fact in entry.facts:
         match fact:
@@ -374,7 +376,7 @@ LINE_PATTERNS: list[tuple[str, Callable[..., object]]] = [
 
 
 def made(*names: str) -> Story:
-    """The story of that name in made/. Several names are played one after the other."""
+    """Return the story with this name in made/. Several names are played one after the other."""
     story = Story()
     for name in names:
         apply_made(story, name)
@@ -388,7 +390,9 @@ locking = partial(made, "locking")
 
 
 def stuck(drills: int = 4) -> Story:
-    """Drills in sequence. The first one's handler waits for a calibration without a handler."""
+    """Return a story of drills in sequence. The handler of the first drill waits for a calibration,
+    which has no handler.
+    """
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
     mission = story.goal("mission", "user", to="brain", begins=True)
     drill = story.command("drill", "brain", mission, to="rig", begins=True)
@@ -404,7 +408,8 @@ def stuck(drills: int = 4) -> Story:
 
 
 def stepping(steps: int = 3) -> Story:
-    """A robot that plans each step for 1 s and moves for 2 s, without planning ahead.
+    """Return a story of a robot that plans each step for 1 s and moves for 2 s, without planning
+    ahead.
 
     The walk is sent at 1.0, its steps at 1.2. Planning and acting alternate from 1.3 on.
     """

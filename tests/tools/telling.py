@@ -64,7 +64,7 @@ from tca_wire.points import TaskId
 
 
 def answered(text: str) -> str:
-    """A run of told/ with current answers to its questions."""
+    """Return a run of told/ with current answers to its questions."""
     handmade, played, lines = Story(), Transcript(), list[str]()
     is_played = False
     for line in text.splitlines():
@@ -86,9 +86,9 @@ SECOND = 1_000_000_000
 
 
 def answers(entries: list[facts.Entry], question: str) -> list[str]:
-    """The answers to a question, such as "fate 3 at 2.5 known 4 until 5".
+    """Return the answers to a question, such as "fate 3 at 2.5 known 4 until 5".
 
-    Its parts: a word, a message, an instant, the instant of knowledge, the journal's end.
+    Its parts are a word, a message, an instant, the instant of knowledge, and the journal's end.
     """
     found = re.fullmatch(
         r"(\w+)(?: (\d+))?(?: at ([\d.]+))?(?: known ([\d.]+))?(?: until ([\d.]+))?", question
@@ -111,7 +111,7 @@ def at_instant(run: Run, at: float | None) -> RunAt:
 
 
 def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The story of a message, as it was shown at an instant."""
+    """Return the story of a message, as it was shown at an instant."""
     if at is not None:
         return [
             f"{one.time:g} {one.text_at(at, at)}"
@@ -128,25 +128,25 @@ def _duration(sentence: Sentence) -> str:
 
 
 def row(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The row of a task in the tree: its standing, data and note."""
+    """Return the row of a task in the tree: its standing, data and note."""
     then = at_instant(run, at)
     task = then.tasks[TaskId(number)]
     return [", ".join(filter(None, (task.standing, data(task), note(then, task))))]
 
 
 def states(run: Run, number: int) -> list[str]:
-    """The states of a task."""
+    """Return the states of a task."""
     return [f"{time:g} {state}" for time, state in run.tasks[TaskId(number)].states]
 
 
 def final_wait(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The last of the things that a task waits for."""
+    """Return the last wait in the chain of waits of a task."""
     then = at_instant(run, at)
     return [str(in_the_end(then, then.tasks[TaskId(number)]) or "-")]
 
 
 def all_causes(run: Run, at: float | None = None) -> list[str]:
-    """The common causes of all waits."""
+    """Return the common causes of all waits."""
     then = at_instant(run, at)
     waiting, things, found = causes(then)
     lines = [f"{last_of(then, one.ends[0])}: {one.tasks}, first {one.first}" for one in found]
@@ -154,13 +154,13 @@ def all_causes(run: Run, at: float | None = None) -> list[str]:
 
 
 def chain(run: Run, number: int, at: float | None = None) -> list[str]:
-    """A failure, step by step."""
+    """Return the steps of a failure."""
     links = failure_chain(run, TaskId(number), run.time if at is None else at)
     return [f"{one.time:g} {'  ' * one.depth}{one.text}" for one in links]
 
 
 def all_failures(run: Run) -> list[str]:
-    """The failures of a run with their fates."""
+    """Return the failures of a run with their fates."""
     lines = []
     for kind in failures(run):
         lines.append(
@@ -177,7 +177,7 @@ def all_failures(run: Run) -> list[str]:
 
 
 def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> list[str]:
-    """The fate of a failure at an instant."""
+    """Return the fate of a failure at an instant."""
     failed = run.messages[number]
     parts = [
         fate(run, failed, at, known).name,
@@ -196,7 +196,7 @@ def coped(run: Run, number: int, at: float) -> list[str]:
 
 
 def path(run: Run, number: int = 0) -> list[str]:
-    """The critical path of a task (default: the last), and why no step began sooner."""
+    """Return the critical path of a task (default: the last task), and why no step began sooner."""
     task = run.tasks[TaskId(number)] if number else last_task(run)
     if task is None:
         return []
@@ -220,7 +220,7 @@ def path_shares(run: Run, number: int = 0) -> list[str]:
 
 
 def waits(run: Run) -> list[str]:
-    """The longest waits of each kind."""
+    """Return the longest waits of each kind."""
     lines = []
     for kind in long_waits(run):
         lines.append(f"{kind.kind}: {kind.number}, {kind.seconds:.3g} s")
@@ -247,7 +247,7 @@ def advice(run: Run) -> list[str]:
 
 
 def bars(run: Run, number: int | None = None, at: float | None = None) -> list[str]:
-    """The chart from an instant on, with the constraints that hold one message."""
+    """Return the chart from an instant on, with the constraints that hold one message."""
     return list(bar_lines(chart(run, at, pick=ALL if number is None else Pick(held={number}))))
 
 
@@ -266,14 +266,14 @@ def bar_lines(drawing: Chart) -> Iterator[str]:
 
 
 def trace_of(run: Run) -> Read:
-    """The Perfetto trace of a run, read back."""
+    """Write the Perfetto trace of a run, and read it back."""
     stream = io.BytesIO()
     write_trace(run, stream)
     return read_trace(stream.getvalue())
 
 
 def track_lines(read: Read) -> Iterator[str]:
-    """The tracks of a trace with their slices, arrows and counters."""
+    """Yield the tracks of a trace with their slices, arrows and counters."""
     for track, slices in groupby(
         sorted(read.slices, key=attrgetter("track", "lane", "start")), key=attrgetter("track")
     ):
@@ -303,7 +303,7 @@ def tree(run: Run, at: float | None = None) -> list[str]:
 
 
 def shown(run: Run, number: int) -> list[str]:
-    """A story as it is printed."""
+    """Return a story as it is printed."""
     return [
         line
         for text in story_lines(run, TaskId(number), 200)
@@ -312,7 +312,7 @@ def shown(run: Run, number: int) -> list[str]:
 
 
 def run_summary(run: Run) -> list[str]:
-    """The outcome of a run."""
+    """Return the outcome of a run."""
     found, named = summary(run), {"last": last_task(run), "longest": longest_task(run)}
     is_good = "good" if found.is_good else "not good"
     return [
@@ -324,7 +324,7 @@ def run_summary(run: Run) -> list[str]:
 
 
 def runs(run: Run) -> list[str]:
-    """The times of handlings, queueings and claims."""
+    """Return the times of handlings, queueings and claims."""
     lines = []
     for one in run.handlings:
         whose = f", directly from {one.direct_from}" if one.direct_from else ""
@@ -345,7 +345,7 @@ def runs(run: Run) -> list[str]:
 
 
 def all_uses(run: Run) -> list[str]:
-    """The use of each resource."""
+    """Return the use of each resource."""
     return [
         f"{one.name} of {one.key[0]}: {one.handled} handled, {one.busy:.3g} s busy ({one.share:.0%} of {one.capacity}), locked"
         f" {one.locked:.3g} s; {one.queued} queued for {one.queue_seconds:.3g} s, at most {one.longest_queue}, now {one.waiting}"
@@ -354,7 +354,7 @@ def all_uses(run: Run) -> list[str]:
 
 
 def life(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The states of a task with their times, or its state and data at an instant."""
+    """Return the states of a task with their times, or the task's state and data at an instant."""
     task = run.tasks[TaskId(number)]
     if at is None:
         lives = [(time, life_at(run, task, time)) for time in run.times]
@@ -377,17 +377,17 @@ def life(run: Run, number: int, at: float | None = None) -> list[str]:
 
 
 def messages(run: Run, number: int) -> list[str]:
-    """The messages that belong to a task."""
+    """Return the messages that belong to a task."""
     return [f"{run.name(one)} {{{one}}}" for one in sorted(messages_of(run, [TaskId(number)]))]
 
 
 def waited(run: Run, number: int) -> list[str]:
-    """The messages that a message waited for."""
+    """Return the messages that a message waited for."""
     return [str(int(one)) for one in sorted(waited_for(run, TaskId(number), {TaskId(number)}))]
 
 
 def figures(run: Run, at: float | None = None) -> list[str]:
-    """Counts and times of the part that begins at an instant."""
+    """Return counts and times of the part of a run that begins at an instant."""
     found = measure(run, start=at)
     lines = [f"{found.deadlocks} deadlocks"]
     every: list[MessageStats | ResourceStats] = [*found.messages, *found.resources]
@@ -414,7 +414,7 @@ def figures(run: Run, at: float | None = None) -> list[str]:
 
 
 def rows(table: Table, run: Run) -> list[str]:
-    """The rows of an exported table, without empty cells."""
+    """Return the rows of an exported table, without empty cells."""
     return [
         ", ".join(
             f"{name} {cell}"

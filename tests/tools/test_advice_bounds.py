@@ -46,7 +46,7 @@ def all_advice(run: Run) -> list[Advice]:
 
 
 class Timed(Player):
-    """A robot whose handlers take given times."""
+    """A player whose handlers take given times."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -68,7 +68,7 @@ class Timed(Player):
                     heapq.heappush(self.due, (self.time + took, delivery, slot))
 
     def duration_of(self, slot: str, delivery: int) -> float:
-        """The seconds of a delivery. Something else returns a delivery of 0 s."""
+        """Return the seconds of a delivery. 0 means that other code lets the delivery return."""
         raise NotImplementedError
 
 
@@ -182,7 +182,7 @@ class Robot(Timed):
         return History.until(self.entries)
 
     def constraints_of_next_step(self) -> tuple[Constraint, ...]:
-        """The constraints on the planning of the next step."""
+        """Return the constraints on the planning of the next step."""
         if not self.plans_ahead:
             return (delay_planning(THIS),)
         return (plan_ahead(TaskId(self.steps[-1]), THIS),) if self.steps else ()
@@ -211,7 +211,7 @@ def test_planning_one_step_ahead_saves_the_advised_time(
 
 
 def burst(number: int, took: float) -> Run:
-    """A run in which *number* commands come at once for one resource."""
+    """Return a run in which *number* commands come at once for one resource."""
     story = Story().module("user").module("cutter", "chop")
     chops = [story.at(1.0).command("chop", "user") for _ in range(number)]
     story.delivered(chops[0], "cutter")
@@ -273,7 +273,9 @@ def check(life: Life, tick: int) -> None:
 
 
 def check_ends(run: Run) -> None:
-    """Check the task whose end comes sooner: that of the first path, or the one named by advice."""
+    """Check which task's end the advice brings nearer: the one of the first path, or the one that
+    the advice names.
+    """
     found = contents(run)
     for one in found.advice:
         assert found.path is not None or not one.on_path, one
@@ -289,7 +291,9 @@ def check_ends(run: Run) -> None:
 
 
 def waited(run: Run, where: str) -> float:
-    """The time with a queue at a resource, in any copy, or with a claim not yet granted."""
+    """Return the time in which a resource had a queue, in any copy, or a claim that was not granted
+    yet.
+    """
     module, _, resource = where.partition(" / ")
     key = (called(module), resource or module)
     queues = [
@@ -313,7 +317,7 @@ def found_in(run: Run) -> list[Overlap]:
 
 
 def advised(run: Run, at_least: float = 1e-6, task: Task | None = None) -> list[Advice]:
-    """The advice on the path of a task (default: the last one)."""
+    """Return the advice on the path of a task (default: the last one)."""
     handling, task, causes = summary(run), task or last_task(run), Causes(run)
     path = critical_path(run, causes, task) if task else None
     use = uses(run, handling.start, handling.end)

@@ -1,4 +1,6 @@
-"""Tasks sent ahead of their states: figure 7 of the paper from real runs, and marks in all tools."""
+"""Tasks sent before their states are entered: figure 7 of the paper from real runs, and marks in
+all tools.
+"""
 
 import html
 import re
@@ -101,7 +103,9 @@ def test_gain_counts_right_wrong_kept_and_wasted_previews(logs: list[Path]) -> N
 
 
 def test_critical_path_leads_through_awaited_tasks_only(logs: list[Path], tmp_path: Path) -> None:
-    """Early tasks that were ready in time or wasted are not on it; undoing them is."""
+    """Early tasks that were ready in time, or were wasted, are not on the path. Tasks that undo
+    them are.
+    """
     drive, grip, reach = ("base", 8.0), ("gripper", 1.0), ("arm", 3.0)
     ways = {
         logs[0]: [drive, grip, reach, drive],

@@ -1,6 +1,6 @@
-"""Answers of the tools about small runs, worked out by hand. A file of told/ has one theme.
+"""Answers of the tools about small runs, worked out by hand. Each file of told/ has one theme.
 
-``pytest --rewrite`` replaces the answers: commit only those that you can explain.
+``pytest --rewrite`` replaces the answers. Commit only answers that you can explain.
 """
 
 from pathlib import Path

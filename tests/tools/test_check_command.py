@@ -37,7 +37,7 @@ def written(path: Path, entries: list[Entry], *, closed: bool = True) -> Path:
 
 
 def steps(*, ahead: int, slots: int = 3) -> list[Entry]:
-    """A walk of three steps with at most *ahead* of them planned ahead."""
+    """Return a walk of three steps with at most *ahead* of them planned ahead."""
     player = Player()
     player.module("planner", "goal walk", "goal take steps", capacity=slots)
     player.module("legs", "command move")
@@ -331,7 +331,9 @@ def test_predicate_may_return_a_set_message_or_iterator(
 
 
 def chopping(tmp_path: Path) -> Path:
-    """Three chops for one slot. The event that ends a chop also begins the next one."""
+    """Return the journal of three chops for one slot. The event that ends a chop also begins the
+    next one.
+    """
     player = Player.of("cook: command chop", "user")
     for _ in range(3):
         player.task("user", "chop")

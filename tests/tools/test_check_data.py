@@ -214,7 +214,7 @@ def test_holding_property_is_not_broken_by_lost_entries(tmp_path: Path, seed: in
 
 
 def with_unknown(place: int) -> bytes:
-    """The walk, with an unknown fact inside one entry."""
+    """Return the walk, with an unknown fact inside one entry."""
     content = [record(entry) for entry in walk()]
     entry = msgpack.unpackb(content[place][10:], strict_map_key=False)
     entry[2].insert(0, ["brand new", 1])

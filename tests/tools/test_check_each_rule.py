@@ -59,7 +59,7 @@ def after(one: int, moment: Moment, other: int, then: Moment, delay: float = 0) 
 
 
 def broken(*events: Fact | float) -> set[str]:
-    """The rules broken by the last fact. Each fact is an event; a number sets the clock."""
+    """Return the rules that the last fact breaks. Each fact is an event. A number sets a time."""
     world, now = JournalWorld([], is_whole=True), 0.0
     for number, one in enumerate(events):
         if isinstance(one, int | float):

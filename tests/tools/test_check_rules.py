@@ -1,4 +1,4 @@
-"""The rules of a journal: central keeps them, and one wrong fact is found."""
+"""The rules of a journal. Central keeps them, and one wrong fact is found."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -35,7 +35,9 @@ from tca_wire.vocabulary import MessageClass
 WALK = walk()
 
 WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
-"""Kinds of facts on which no other fact depends. One more or less breaks no rule."""
+"""Kinds of facts on which no other fact depends. One fact more or less of these kinds breaks no
+rule.
+"""
 
 
 # --- central keeps the rules ----------------------------------------------------------------------
@@ -236,7 +238,7 @@ Patch = pytest.MonkeyPatch
 
 
 class PlayedLife(CheckedLife):
-    """Lives with late wiretaps, without the reference scheduler."""
+    """A life with late wiretaps, without the reference scheduler."""
 
     def __init__(self) -> None:
         self.timers = 0

@@ -34,7 +34,7 @@ def hello(how: str) -> None:
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three commands are installed. Two of them cannot be imported."""
+    """Install three commands. Two of them cannot be imported."""
     found = [
         EntryPoint("hello", f"{__name__}:hello", command_line.COMMANDS),
         EntryPoint("lost", "no_such_package.commands:lost", command_line.COMMANDS),

@@ -1,4 +1,6 @@
-"""Common to all tools: invalid times, output that cannot be written, damaged journals."""
+"""Rules that all tools keep, for invalid times, output that cannot be written, and damaged
+journals.
+"""
 
 import os
 import resource
@@ -69,7 +71,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":
-    """``tca``, as a process of its own."""
+    """Run ``tca`` as a process of its own."""
     command = [
         sys.executable,
         "-c",
@@ -83,7 +85,7 @@ def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[
 
 @contextmanager
 def file_size_limit() -> Iterator[None]:
-    """Limit the files of this process to 100 bytes. Bytecode is not written, or it would be cut."""
+    """Limit the files of this process to 100 bytes. Write no bytecode, or it would be cut."""
     before, sys.dont_write_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), True
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
@@ -155,7 +157,7 @@ def test_old_output_is_kept_when_the_new_one_does_not_fit(
 
 
 def with_holes(entries: list[facts.Entry], holes: list[int]) -> bytes:
-    """The entries as a journal, with the entries at *holes* damaged."""
+    """Return the entries as a journal, with the entries at *holes* damaged."""
     data = [record(entry) for entry in entries]
     for place in holes:
         data[place] = data[place][:-1] + bytes([data[place][-1] ^ 1])

@@ -57,7 +57,7 @@ def test_tables_match_their_transcript(expect: Callable[[str, str], None]) -> No
 
 
 def odd() -> History:
-    """Names and texts with quotes, line ends and control characters."""
+    """Return a run whose names and texts have quotes, line ends and control characters."""
     story = Story().at(1.0)
     task = story.goal('a "quoted", name\nof lines', "süß\x1b[31m", data={"text": 'x,"y"\n'})
     return story.at(2.0).say(facts.Killed(TaskId(task), "")).reached(task, *Moment).fold()
@@ -92,7 +92,7 @@ def test_parquet_clamps_integers_beyond_63_bits() -> None:
 
 
 def read(kind: ColumnType, text: str) -> Any:
-    """The value of a CSV cell."""
+    """Return the value of a CSV cell."""
     make: dict[ColumnType, Callable[[str], Any]] = {
         ColumnType.INTEGER: int,
         ColumnType.SECONDS: float,
@@ -150,7 +150,7 @@ def test_unwritable_output_is_reported(run: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["jsonl", "csv"])
 def test_export_refuses_to_replace_a_device(run: Path, tmp_path: Path, name: str) -> None:
-    """The export would replace the device by a file. The test uses a link to one."""
+    """The export would replace the device by a file. The test uses a link to a device."""
     output = tmp_path / "device"
     output.symlink_to("/dev/null")
     result = exported(run, "--to", name, "-o", output, "--force")
@@ -249,7 +249,7 @@ def test_failed_export_leaves_no_partial_file(
 
 Tca = Callable[..., Result]
 NOW = 44.0
-"""The walk's last entry is at 4 s."""
+"""Seconds: long after the last entry of the walk, at 4 s."""
 
 
 @pytest.fixture

@@ -50,7 +50,9 @@ def test_overlapping_handlings_share_one_track_in_lanes(tmp_path: Path) -> None:
 
 
 def test_trace_holds_a_thousand_simultaneous_waits(tmp_path: Path) -> None:
-    """A handler gathers a thousand answers. The last one answers the first question."""
+    """A handler gathers a thousand answers. The last answer to arrive is that to the first
+    question.
+    """
     story = Story().module("planner", "plan")
     plan = story.goal("plan", "user", to="planner")
     for number in range(1000):

@@ -168,7 +168,9 @@ RESOLVED, FAILED, KILLED, ACHIEVED = (
 
 @pytest.fixture(scope="module")
 def resolved_entries() -> list[Entry]:
-    """A walk with a mended step, a mended step of the user, and a walk with an observed failure."""
+    """Return a walk with a mended step, a mended step of the user, and a walk with an observed
+    failure.
+    """
     robot = Player.of(
         "planner: goal walk",
         "legs: command step, command swing",
@@ -250,7 +252,7 @@ def test_every_tool_shows_done_after_a_failure(path: Path, tca: Any) -> None:
 
 
 def changed(resolved_entries: list[Entry], kind: type, becomes: Any) -> Iterator[Entry]:
-    """The journal with the facts of one kind replaced or removed."""
+    """Yield the journal with the facts of one kind replaced or removed."""
     for entry in resolved_entries:
         kept = [becomes(fact) if isinstance(fact, kind) else fact for fact in entry.facts]
         yield msgspec.structs.replace(entry, facts=[fact for fact in kept if fact is not None])

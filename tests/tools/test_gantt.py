@@ -99,7 +99,7 @@ def test_part_of_a_run_keeps_the_message_colours() -> None:
 
 
 def test_suspended_task_is_in_the_row_of_its_module() -> None:
-    """The module that would have handled it counts, even after it has left."""
+    """Its module is the one that would have handled the task, even if the module has left."""
     run = made("suspended_for_wheels").fold()
 
     def suspended(*modules: str) -> list[float]:
@@ -186,14 +186,14 @@ def test_at_option_shows_the_chart_as_it_was(tca: Tca, run: Path) -> None:
 
 
 def now_of(story: Story, *, is_live: bool = True) -> History:
-    """The run, long after its last message."""
+    """Return the run, long after its last message."""
     history = story.fold()
     history.time, history.is_live = NOW, is_live
     return history
 
 
 def moved() -> Story:
-    """A single move, from second 10 to second 20."""
+    """Return a single move, from second 10 to second 20."""
     story = Story().module("legs", "move").at(10.0)
     return story.acted(story.command("move", "user"), "legs", 10.0)
 

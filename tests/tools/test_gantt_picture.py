@@ -34,7 +34,7 @@ def drawn(story: Story, pick: Pick | None = None) -> str:
 
 
 def shapes(picture: str) -> str:
-    """One line for each shape: its look, its place and its title."""
+    """Return one line for each shape: its look, its place and its title."""
     lines = []
     for one in ET.fromstring(picture).iter():
         look = one.get("class") or one.get("fill", "")
@@ -57,7 +57,9 @@ def test_gantt_picture_matches_its_transcript(expect: Callable[[str, str], None]
 def shop(
     *failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, rows: int = 1
 ) -> Story:
-    """Many short steps, spread over the rows. The *failing* ones have another outcome."""
+    """Return a story of many short steps, spread over *rows* rows. The *failing* steps have another
+    outcome.
+    """
     story = Story()
     for number in range(rows):
         story.module(f"legs {number}", "step")
@@ -90,7 +92,7 @@ def test_legend_lists_flags_in_their_colours() -> None:
 
 @pytest.mark.parametrize(("steps", "look"), [(3, 'class="end"'), (1000, 'class="ink-killed"')])
 def test_killed_bar_has_a_dark_end(steps: int, look: str) -> None:
-    """A narrow bar, or a block of many bars, has a foot instead."""
+    """If the bar is narrow, or part of a block of many bars, it has a foot instead."""
     plain, killed = (drawn(shop(*bad, outcome=Outcome.KILLED, steps=steps)) for bad in ((), (2,)))
     assert killed.count(look) > plain.count(look)
     assert (">killed</text>" in killed, ">killed</text>" in plain) == (True, False)
@@ -120,7 +122,9 @@ def test_story_picture_shows_awaited_bars_paler(tmp_path: Path, tca: Tca) -> Non
 
 
 def distance(one: str, other: str) -> float:
-    """The visible difference of two colours: 1 from black to white (Ottosson, Oklab, 2020)."""
+    """Return the visible difference of two colours. From black to white it is 1 (Ottosson, Oklab,
+    2020).
+    """
     return math.dist(oklab(one), oklab(other))
 
 
@@ -187,7 +191,7 @@ SCALE = Scale(1000.0, 0.0, 1000.0)
 
 
 def queue(*bars: tuple[float, float], is_without_module: bool = False) -> ResourceRow:
-    """A row of queued bars, one a lane, on a plot of 1000 pixels and seconds."""
+    """Return a row of queued bars, one a lane, on a plot of 1000 pixels and seconds."""
     waiting = [
         Bar("step", start, end, kind=BarKind.QUEUED, lane=lane)
         for lane, (start, end) in enumerate(bars)

@@ -29,7 +29,7 @@ TOOLS = ("tree", "gantt", "stats", "log show", "replay --text")
 
 
 def sample_value(kind: Any) -> Any:
-    """A value of a type that differs from the default."""
+    """Return a value of a type that differs from the default."""
     if isinstance(kind, type) and issubclass(kind, Enum):
         return list(kind)[-1]
     if get_origin(kind) is list:
@@ -48,7 +48,7 @@ def sample_value(kind: Any) -> Any:
 
 
 def one_of_each() -> Iterator[Entry]:
-    """An entry for each kind of fact and cause, with all fields filled."""
+    """Yield an entry for each kind of fact and cause, with all fields filled."""
     last, time = walk()[WALK_ENTRIES - 1].number, walk()[WALK_ENTRIES - 1].time
     kinds = [kind for kind in get_args(facts.Fact) if kind is not facts.Opened]
     made: list[Any] = [

@@ -78,7 +78,7 @@ def test_fold_accepts_a_journal_from_any_entry_on() -> None:
 
 
 def ask_everything(history: History) -> None:
-    """Ask a history all that the tools ask. No question may raise."""
+    """Ask a history everything that the tools ask. No question may raise."""
     for task in history.tasks.values():
         reasons(history, task.id)
         life_at(history, task)

@@ -1,6 +1,7 @@
 """Hostile names and texts in a foreign journal.
 
-No tool lets them control a terminal, add lines to a line, or become part of a page or picture.
+No tool lets such texts control a terminal, add lines to a line, or become part of a page or
+picture.
 """
 
 import html.parser
@@ -38,7 +39,7 @@ HOSTILE = (
 
 
 def poisoned(value: Any) -> Any:
-    """The value with all texts and data made hostile. Different texts stay different."""
+    """Return the value with all texts and data made hostile. Different texts stay different."""
     if isinstance(value, msgspec.Struct):
         fields = {name: poisoned(getattr(value, name)) for name in value.__struct_fields__}
         return type(value)(**fields)
@@ -81,7 +82,7 @@ def test_hostile_text_never_controls_the_terminal(journal: Path, command: str) -
 
 
 class Tags(html.parser.HTMLParser):
-    """Collects tags and scripts that only a hostile text can have added."""
+    """A parser that collects tags and scripts that only a hostile text can have added."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -149,7 +150,7 @@ NAMED_IN_FILES = [
 
 
 def failing_walk() -> Story:
-    """A walk {1} whose move {2} fails with an unhandled failure."""
+    """Return a walk {1} whose move {2} fails with an unhandled failure."""
     story = Story().module("planner", "walk").module("legs", "move").at(1.0)
     walk = story.goal("walk", "user", to="planner", begins=True)
     move = story.command("move", "planner", walk, to="legs")

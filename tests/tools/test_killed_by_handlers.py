@@ -47,7 +47,7 @@ def test_undecided_failure_story_starts_from_the_first_failure() -> None:
 def test_check_finds_a_wrong_undecided_exception_handler(
     undecided: int,
 ) -> None:
-    """Task 4 fails, its exception handler 5 fails, too, and 6 is another exception handler."""
+    """Task 4 fails. Its exception handler 5 fails, too. Task 6 is another exception handler."""
     entries = [OPENED, *played("failures_undecided_by_all_handlers").entries]
     assert checked(entries) == []
     first = next(

@@ -1,4 +1,6 @@
-"""``tca lifecycle``: tables and diagrams of life cycles: built in, in a file, of a message."""
+"""``tca lifecycle``: tables and diagrams of life cycles. A life cycle may be built in, in a file,
+or a message's.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -56,7 +58,7 @@ def test_life_cycle_table_is_cut_to_the_terminal(tca: Tca) -> None:
 
 
 def test_life_cycle_diagrams_match_their_transcripts(expect: Callable[[str, str], None]) -> None:
-    """A transition from all active states is drawn once, from their frame."""
+    """A transition that all active states have is drawn once, from the frame around them."""
     expect("life_cycle_general_dot", dot_source(GENERAL))
     expect("life_cycle_pausable_dot", dot_source(PAUSABLE))
 

@@ -1,4 +1,4 @@
-"""Logs: the segments of one run, torn and damaged ones, and following them."""
+"""Logs: the segments of one run, torn or damaged segments, and how a log is followed."""
 
 import io
 import signal

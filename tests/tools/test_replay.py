@@ -1,4 +1,4 @@
-"""``tca replay``: the real application, driven by keys without a screen; and its text form."""
+"""``tca replay``: the real application, driven by keys without a screen, and its text form."""
 
 import asyncio
 import signal
@@ -41,7 +41,7 @@ class Player:
         self.press = pilot.press
 
     async def ask(self, key: str, text: str) -> None:
-        """Type an answer to what a key asks."""
+        """Press a key that asks a question, and type an answer."""
         await self.press(key)
         self.app.query_one(Question).value = text
         await self.press("enter")
@@ -52,7 +52,7 @@ class Player:
 
     @property
     def tree(self) -> list[str]:
-        """The lines of the tree pane, as drawn."""
+        """Return the lines of the tree pane, as drawn."""
         pane = self.app.query_one(TreePane)
         return [pane.render_line(line).text.rstrip() for line in range(len(pane.rows))]
 
@@ -66,7 +66,7 @@ class Player:
 
     @property
     def story(self) -> str:
-        """The visible words of the story pane."""
+        """Return the visible words of the story pane."""
         log = self.app.query_one(RichLog)
         lines = [log.render_line(line).text for line in range(log.size.height)]
         return " ".join(
@@ -74,7 +74,7 @@ class Player:
         )
 
     def coloured(self, text: str) -> set[str]:
-        """The colours of a text in all panes."""
+        """Return the colours of a text in all panes."""
         log = self.app.query_one(RichLog)
         drawn = [(one.text, str(one.style)) for line in log.lines for one in line]
         for pane in (self.app.query_one(TimeBar), self.app.query_one(MessagesPane)):
@@ -144,7 +144,7 @@ def test_f_key_selects_the_next_failure() -> None:
 
 
 def test_failed_query_selects_the_task_that_sent_it() -> None:
-    """Another fact of the same event names another task first."""
+    """In this event, another fact comes first and names another task."""
     story = Story().module("lab", "analyse").at(1.0)
     other, goal = story.goal("rest", "user"), story.goal("analyse", "user")
     story.delivered(goal, "lab").at(2.0)
@@ -421,7 +421,7 @@ def test_story_is_below_the_tree_on_a_narrow_terminal(width: int, is_below: bool
 
 
 def test_replay_folds_most_of_5000_tasks() -> None:
-    """One goal in a thousand stays open."""
+    """One goal in a thousand stays open, so 5 of the goals are not folded."""
     story = Story().module("user").module("planner", "walk")
     for number in range(5_000):
         goal = story.at(1.0 + number).goal("walk", "user", to="planner", begins=True)

@@ -32,7 +32,9 @@ HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}\x1b[31m\x00\u202e"
 
 
 class Page(HTMLParser):
-    """Checks that elements are properly nested, and collects texts, tags and attributes."""
+    """A parser that checks that elements are properly nested, and collects texts, tags and
+    attributes.
+    """
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -69,7 +71,7 @@ class Page(HTMLParser):
 
     @property
     def approved(self) -> str:
-        """The text of the page, one line for each paragraph, row or heading."""
+        """Return the text of the page, with one line for each paragraph, row or heading."""
         return (
             "\n".join(line for block in self.blocks if (line := re.sub(r"\s+", " ", block).strip()))
             + "\n"
@@ -85,7 +87,7 @@ Reported = Callable[[Story], Page]
 
 @pytest.fixture
 def reported(tmp_path: Path) -> Reported:
-    """Makes the report of a story."""
+    """Return a function that makes the report of a story."""
 
     def run(story: Story) -> Page:
         out = tmp_path / "run.html"
@@ -239,7 +241,7 @@ def test_report_of_an_empty_run_says_so(reported: Reported) -> None:
 
 
 def many(tops: int, below: int, bad: int) -> History:
-    """*tops* walks of *below* moves each. A move of walk *bad* failed."""
+    """Return a run of *tops* walks of *below* moves each. A move of walk *bad* failed."""
     story = Story().module("legs", "move")
     for number in range(tops):
         walk = story.at(float(number)).goal("walk", "user")

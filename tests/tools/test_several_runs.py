@@ -1,4 +1,4 @@
-"""Folders and files with several runs, or with parts of one."""
+"""Folders and files with several runs, or with parts of one run."""
 
 import gc
 from collections.abc import Callable
@@ -17,12 +17,12 @@ from tca_wire.journal.records import record
 
 Tca = Callable[..., Result]
 TOOLS = ["tree", "log show", "check"]
-"""Tools that all read by `Log`."""
+"""Tools that all read journals through `Log`."""
 
 
 @pytest.fixture
 def two_runs(tmp_path: Path) -> Path:
-    """A folder with two segments: a walk of yesterday and a short story of today."""
+    """Return a folder with two segments: a walk of yesterday, and a short story of today."""
     segment(tmp_path / "two" / "00000001.tcaj", walk()[1:], "yesterday")
     segment(tmp_path / "two" / "00000002.tcaj", walking().entries[1:], "today", began=TODAY)
     return tmp_path / "two"
@@ -161,7 +161,7 @@ def test_report_remarks_on_a_cut_journal_once(tca: Tca, tmp_path: Path) -> None:
 
 @pytest.fixture
 def joined(two_runs: Path, tmp_path: Path) -> tuple[Path, int]:
-    """A file with two runs, and the byte at which the second one begins."""
+    """Return a file with two runs, and the byte at which the second run begins."""
     first, second = ((two_runs / f"0000000{number}.tcaj").read_bytes() for number in (2, 1))
     path = tmp_path / "joined.tcaj"
     path.write_bytes(first + second)
@@ -203,7 +203,7 @@ def test_follow_of_a_joined_file_ends_at_the_second_run(
 
 
 def test_stopped_reading_ends_its_thread(two_runs: Path) -> None:
-    """Guards against a thread that polls without a pause until the process ends."""
+    """The test guards against a thread that polls without a pause until the process ends."""
     reading = Reading(open_log(two_runs))
     reading.start()
     with reading:

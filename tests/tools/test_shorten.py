@@ -1,4 +1,4 @@
-"""``tca log prune``: of a continuing run the ended tasks are removed, and old runs as a whole."""
+"""``tca log prune`` removes old runs as a whole, and the ended tasks of a run that continues."""
 
 import os
 import time
@@ -35,7 +35,7 @@ Tca = Callable[..., Result]
 
 
 def journal_of(folder: Path, seed: int, events: int = 600, parts: int = 6) -> list[Path]:
-    """The segments of a random life. The last one is still being written."""
+    """Return the segments of a random life. The last one is still being written."""
     life = Life()
     life.go_on(seed, events)
     nonempty = [entry for entry in life.player.entries if entry.facts]
@@ -54,7 +54,7 @@ def entries(path: Path) -> list[Entry]:
 
 
 def visible_tasks(history: History, until: float) -> dict[int, Any]:
-    """The visible properties of the tasks that had not ended at *until*."""
+    """Return the visible properties of the tasks that had not ended at *until*."""
     found = [one for one in history.tasks.values() if one.time_of(END_ACHIEVING) > until]
     return {
         one.id: (
@@ -118,7 +118,7 @@ def test_segments_compared_by_a_recovery_are_kept(tmp_path: Path) -> None:
 
 
 def short_life(folder: Path) -> Daemon:
-    """Continue the run there with tasks that end, take an image, and be killed."""
+    """Continue the run in a folder with tasks that end, take an image, and kill the daemon."""
     daemon = Daemon(folder)
     assert daemon.log is not None
     assert daemon.log.images is not None
@@ -137,7 +137,7 @@ def short_life(folder: Path) -> Daemon:
 def test_run_of_short_lives_is_shortened_and_recovers(
     tca: Tca, tmp_path: Path, is_torn: bool
 ) -> None:
-    """Each life takes one image. The newest one and the one before it are kept for a recovery."""
+    """Each life takes one image. The newest image and the one before it are kept for a recovery."""
     for _ in range(5):
         short_life(tmp_path)
     before, newest = numbers(tmp_path, ".tcas")
@@ -164,7 +164,9 @@ def test_shortened_fact_keeps_the_latest_time(tca: Tca, tmp_path: Path) -> None:
 
 
 def test_ended_waits_for_any_task_are_removed(tmp_path: Path) -> None:
-    """A program that observes all tasks waits again after each change: many ended waits."""
+    """A program that observes all tasks waits again after each change. The journal then has many
+    ended waits.
+    """
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
     entries_of_waits = [
@@ -208,7 +210,7 @@ GOODBYE = Entry(99, 99.0, [Closed("stopped")])
 
 
 def run(folder: Path, epoch: str, number: int, *, ended: float, closed: bool = True) -> list[Path]:
-    """The two segments of a run that ended *ended* days ago."""
+    """Return the two segments of a run that ended *ended* days ago."""
     entries = walking().entries[1:]
     paths = [
         segment(folder / f"{number:08d}.tcaj", entries[:3], epoch),
@@ -224,7 +226,9 @@ def aged(paths: list[Path], days: float) -> list[Path]:
 
 
 def write_inputs_and_image(folder: Path, number: int, epoch: str, days: float) -> list[Path]:
-    """Write inputs and an image beside the segments, with their own numbers, as central does."""
+    """Write inputs and an image beside the segments, as central does. They have numbers of their
+    own.
+    """
     made = [folder / f"{number:08d}{suffix}" for suffix in (".tcai", ".tcas", ".draft")]
     made[0].write_bytes(framed(msgspec.msgpack.encode(["inputs", 1, epoch, "0.1.0"])))
     for path in made[1:]:

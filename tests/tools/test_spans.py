@@ -1,4 +1,4 @@
-"""The time that spans cover, and how many overlap."""
+"""The time that spans cover, and how many spans overlap."""
 
 from tca_tools.spans import Cover, levels
 

@@ -1,4 +1,6 @@
-"""Stories, waits and critical paths of runs that are too long for told/; cuts for narrow rows."""
+"""Stories, waits and critical paths of runs that are too long for told/, and texts cut to fit
+narrow rows.
+"""
 
 from collections.abc import Callable
 from pathlib import Path

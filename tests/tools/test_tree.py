@@ -98,7 +98,9 @@ def test_damage_is_reported_after_the_output(tca: Tca, run: Path) -> None:
 
 
 def long_walk(achieved: int, held: int) -> Story:
-    """A goal with commands in sequence: *achieved* of them, then *held* ones."""
+    """Return a goal with commands in sequence: *achieved* of them are achieved, *held* are still
+    held.
+    """
     story = Story()
     walk = story.goal("walk", "x", to="planner", begins=True)
     for number in range(achieved + held):
@@ -167,7 +169,9 @@ def test_deep_achieved_tasks_are_folded_first() -> None:
 
 
 def test_constraints_between_two_tasks_become_one_arrow() -> None:
-    """Delayed planning joins the arrow of the sequence. A constraint implied by two others has none."""
+    """Delayed planning joins the arrow of the sequence. A constraint that two others imply has no
+    arrow.
+    """
     runs = walking().fold(), arcs().fold()
     walks, delays = (arrows(RunAt(run), set(run.tasks)) for run in runs)
     assert walks.between == {
@@ -214,7 +218,7 @@ def test_text_tree_names_roles_of_tasks_sent_by_central(tca: Tca, tmp_path: Path
 
 
 def test_reason_of_a_killed_tree_is_at_its_top_only(tca: Tca, tmp_path: Path) -> None:
-    """Its sender was notified of a failure, so the state "killed" needs a reason."""
+    """The top task's sender was notified of a failure, so the state "killed" needs a reason."""
     run, why = (
         stumbling().write(tmp_path / "fall"),
         "failure 'terrain collision' of move body {7} was not handled",
@@ -273,7 +277,7 @@ def test_siblings_without_constraints_keep_their_order() -> None:
 
 
 def hostile() -> Story:
-    """Names and data with the special characters of dot."""
+    """Return a story whose names and data have the special characters of dot."""
     story = Story()
     goal = story.goal(
         'a "quoted" \\n <b>&amp;</b> \x1b[0m ' + "x" * 200, "x", data={'"': "\\", "<": ">\n"}
@@ -412,7 +416,8 @@ WHY = "failure 'bad part' was not handled"
 
 
 def jobs(good: int, bad: int, parts: int = 30) -> Story:
-    """Jobs of *parts* parts with two steps each: first the *good* ones, then the *bad* ones.
+    """Return a story of jobs with *parts* parts of two steps each: first the *good* jobs, then the
+    *bad* ones.
 
     In a bad job a step of part 10 failed. All later tasks were killed, except the last step.
     """

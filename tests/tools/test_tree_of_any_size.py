@@ -47,7 +47,9 @@ TASKS = st.tuples(st.integers(0, 8), st.sampled_from(NAMES), st.sampled_from(ran
 
 
 def grown(tasks: list[Leaf]) -> Story:
-    """Each task is below the previous one, or the given number of levels further up."""
+    """Return a story of tasks. Each task is below the previous task, or the given number of levels
+    further up.
+    """
     story, path = Story().at(1.0), list[int]()
     kinds = [GOAL, COMMAND, MessageClass.POLLING_MONITOR]
     for place, (up, name, _) in enumerate(tasks):
@@ -146,7 +148,7 @@ TRACED = [
 
 
 def lines_of(tool: Callable[[], object]) -> int:
-    """The number of executed lines of the tca packages."""
+    """Return the number of executed lines of the tca packages."""
     count = 0
 
     def line(_frame: FrameType, event: str, _: Any) -> Any:

@@ -32,12 +32,12 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def names(shown: str) -> list[str]:
-    """The tasks of a text tree."""
+    """Return the tasks of a text tree."""
     return re.findall(r"^[│├└─ ]*([^{\n]*\{\d+\})  ", shown, re.MULTILINE)
 
 
 def wide(children: int = 12) -> Story:
-    """A goal with pairs of commands in sequence."""
+    """Return a goal with pairs of commands in sequence."""
     story = Story()
     walk = story.goal("walk", "x", to="planner", begins=True)
     for _ in range(children):
@@ -229,7 +229,7 @@ def test_picture_of_too_many_tasks_is_refused(tca: Tca, tmp_path: Path) -> None:
 
 
 def with_coarse_clock() -> list[Entry]:
-    """The walk with a clock of 5 s steps: several events have one time."""
+    """Return the walk with a clock of 5 s steps, so that several events have one time."""
     return [Entry(entry.number, entry.time // 5, entry.facts) for entry in walk()]
 
 
@@ -271,7 +271,9 @@ def after(*tasks: int) -> list[Constraint]:
 
 
 def siblings(*waits_for: tuple[int, ...]) -> Story:
-    """A goal {1} with a task for each argument: the numbers of the tasks that it waits for."""
+    """Return a story of a goal {1} with one task for each argument. The argument has the numbers of
+    the tasks for which this task waits.
+    """
     story = Story()
     goal = story.goal("assemble", "user")
     for tasks in waits_for:
@@ -310,7 +312,9 @@ def drawn(story: Story) -> Picture:
 
 
 def test_each_wait_has_its_own_line() -> None:
-    """Tasks wait for one paint, the other, or both. With one line, all seemed to wait for both."""
+    """Tasks wait for one paint, the other, or both. With one line for all, every task seemed to
+    wait for both.
+    """
     picture = drawn(siblings((), (), (2,), (3,), (2, 3)))
     assert sorted(picture.pairs) == [(2, 4), (2, 6), (3, 5), (3, 6)]
     assert len(set(picture.strokes)) == 3
@@ -324,7 +328,7 @@ def test_predecessors_of_the_same_tasks_share_one_line() -> None:
 
 
 def test_waits_without_room_for_a_line_are_words() -> None:
-    """Nine tasks wait for nine others: too many lines to follow."""
+    """Nine tasks wait for nine others. Nine lines are too many to follow."""
     picture = drawn(siblings(*([()] * 9), *((task,) for task in range(2, 11))))
     notes = {words for words in picture.words if words.startswith("after ")}
     assert len(picture.pairs) == MOST_LANES

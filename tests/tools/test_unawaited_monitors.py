@@ -1,4 +1,6 @@
-"""A monitor that ends with its watched task is never awaited by that task or its ancestors."""
+"""A monitor that ends with its watched task is never awaited, neither by this task nor by its
+ancestors.
+"""
 
 from math import inf
 
@@ -22,9 +24,10 @@ WALK, MOVE, GUARD = TaskId(1), TaskId(2), TaskId(3)
 
 
 def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
-    """A guard {3} watches the move {2} of a walk {1}. Eleven moves wait for the walk.
+    """Return a player in which a guard {3} watches the move {2} of a walk {1}. Eleven moves wait
+    for the walk.
 
-    A guard that has fired has sent a lift {4}, which has no handler.
+    If *fired*, the guard has sent a lift {4}, which has no handler.
     """
     player = FoldedPlayer()
     player.module("planner", "goal walk")

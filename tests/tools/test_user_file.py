@@ -1,4 +1,4 @@
-"""A user's file runs as under python: it can import modules beside it."""
+"""A user's file runs as under python, so it can import modules beside it."""
 
 import os
 import sys
@@ -30,7 +30,9 @@ def write(folder: Path, **files: str) -> Path:
 def test_user_file_imports_modules_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """From any working directory, through a link, and in a function that is called later."""
+    """The imports work from any working directory, through a link, and in a function that is called
+    later.
+    """
     text = "from legs import LEGS\ndef later():\n    import arms\n    return arms.ARMS"
     path = write(tmp_path / "robot", scenario=text, legs="LEGS = 6", arms="ARMS = 2")
     (tmp_path / "link.py").symlink_to(path)

@@ -1,4 +1,4 @@
-"""Waits because of a lock, which holds for all copies of a module; queues that only grow."""
+"""Waits because of a lock that holds for all copies of a module, and queues that only grow."""
 
 from itertools import pairwise
 from random import Random
@@ -41,9 +41,11 @@ def all_texts(found: Contents) -> str:
 
 
 def two_copies() -> Contents:
-    """One of two copies of the legs moves; the other is idle.
+    """Run two copies of the legs, of which one moves and the other is idle. Return the report's
+    contents.
 
-    The map's handler waits for a lock of both copies. The move that is sent after it waits, too.
+    The map's handler waits for a lock of both copies. The move that is sent after the lock waits,
+    too.
     """
     player = Player.of("legs: command move")
     join(player, "new")
@@ -102,7 +104,9 @@ def test_reservation_does_not_keep_out_its_holder() -> None:
 )
 @settings(max_examples=60)
 def test_kept_out_time_matches_the_claims_of_all_copies(life: list[tuple[str, int]]) -> None:
-    """Compare with a sum over the facts: a queueing is due to a claim while one is in force."""
+    """The time is compared with a sum over the facts. While a claim is in force, a queueing is due
+    to this claim.
+    """
     run = random_run(life)
     for queueing in run.queueings:
         if queueing.module:
@@ -145,7 +149,7 @@ def random_run(life: list[tuple[str, int]]) -> Run:
 
 
 def kept_out_by_facts(run: Run, module: str, start: float, end: float, sender: str) -> float:
-    """The kept-out time, summed over the intervals between entries."""
+    """Return the kept-out time, summed over the intervals between entries."""
     times = sorted({start, end, *(time for time in run.times if start < time < end)})
     return sum(
         after - time
@@ -172,7 +176,9 @@ def served(
     *,
     closes: bool = False,
 ) -> Run:
-    """Informs that arrive at given times at a resource that handles each for *took* seconds."""
+    """Return a run of informs that arrive at given times. A resource handles each of them for
+    *took* seconds.
+    """
     story = Story().at(0.5).module("camera").module("eye", "frame")
     story.say(facts.ResourceChanged("eye", "eye", capacity))
     events = sorted((time, 1) for time in arrivals)

@@ -1,7 +1,8 @@
-"""Reads a Perfetto trace as its trace processor does, but fails where that counts an error.
+"""A reader of Perfetto traces. It reads a trace as Perfetto's trace processor does, but fails where
+the trace processor only counts an error.
 
-The rules come from perfetto.dev ("Writing TrackEvent Protos Synthetically") and from the
-importer's slice, flow and track trackers. The classes are the published ones.
+The rules come from perfetto.dev ("Writing TrackEvent Protos Synthetically") and from the trace
+processor's slice, flow and track trackers. The classes are the published ones.
 """
 
 from collections import defaultdict
@@ -58,7 +59,7 @@ class Read:
         return [one for one in self.slices if one.track == track]
 
     def arrows(self) -> list[tuple[Slice, Slice]]:
-        """The pairs of slices that arrows connect, in order of time."""
+        """Return the pairs of slices that arrows connect, in order of time."""
         return [pair for stations in self.flows.values() for pair in pairwise(stations)]
 
 
@@ -155,7 +156,7 @@ class Reader:
 
 
 def value_of(annotation: Any) -> Any:
-    """The value of a debug annotation."""
+    """Return the value of a debug annotation."""
     if annotation.dict_entries:
         return {entry.name: value_of(entry) for entry in annotation.dict_entries}
     if annotation.array_values:
@@ -165,7 +166,7 @@ def value_of(annotation: Any) -> Any:
 
 
 def read_trace(trace_file: bytes, *, is_nonsense: bool = False) -> Read:
-    """Read a trace and check its rules. In *nonsense* an arrow may lead nowhere."""
+    """Read a trace, and check its rules. If *is_nonsense*, an arrow may lead nowhere."""
     trace = Trace()
     trace.ParseFromString(trace_file)
     reader = Reader()
@@ -178,7 +179,7 @@ def read_trace(trace_file: bytes, *, is_nonsense: bool = False) -> Read:
 
 
 def check_siblings(read: Read) -> None:
-    """Check that siblings of one name are of one kind: Perfetto merges them."""
+    """Check that siblings with the same name are of one kind, because Perfetto merges them."""
     alike: dict[tuple[int, str], tuple[Any, ...]] = {}
     for track in read.tracks.values():
         key = (track.parent_uuid, track.name)

@@ -10,4 +10,6 @@ IN_TURN = [
 ]
 
 EXPECTED = [(event, turtle, goal) for turtle, goal in IN_TURN for event in ("left for", "came to")]
-"""Each turtle waits for its predecessor: none leaves before the last one has arrived."""
+"""The expected order. Each turtle waits for its predecessor: none leaves before the one before it
+has arrived.
+"""

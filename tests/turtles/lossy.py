@@ -1,5 +1,5 @@
-"""A simulated network in one thread and without time: its seed decides which datagrams it loses,
-delays, duplicates and reorders.
+"""A simulated network in one thread, with a clock of its own. Its seed decides which datagrams it
+loses, delays, duplicates and reorders.
 """
 
 import heapq

@@ -1,4 +1,4 @@
-"""Links over real loopback sockets that drop half of their datagrams."""
+"""Links over real loopback sockets that drop half of the links' datagrams."""
 
 import socket
 from collections.abc import Iterator

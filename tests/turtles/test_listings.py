@@ -1,5 +1,5 @@
-"""The table of docs/turtle.md: each listing of the paper has a test and a counterpart that is no
-longer than it.
+"""The table of docs/turtle.md. Each listing of the paper has a test, and a counterpart that is no
+longer than the listing.
 """
 
 import ast
@@ -57,7 +57,7 @@ ROWS = rows()
 
 
 def code_lines(place: str) -> int:
-    """Lines of code of a file, or of one of its functions or classes (`file: name`).
+    """Return the lines of code of a file, or of one of its functions or classes (`file: name`).
 
     Blank lines, comments and docstrings do not count.
     """

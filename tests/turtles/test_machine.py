@@ -22,7 +22,7 @@ def test_turtle_machine_has_the_papers_states() -> None:
 
 
 def test_turtle_machine_runs() -> None:
-    """The turtle never enters the region: it visits all points, then the middle, then starts over."""
+    """The turtle never enters the region. It visits all points and the middle, then starts over."""
     with town() as there:
         carry_out(there, bounded(there, 9, machine([(1.0, 3.0), (3.0, 3.0)]).run))
         tasks = [task for task in started(there) if task != "WaitForROI"]
@@ -32,7 +32,9 @@ def test_turtle_machine_runs() -> None:
 
 
 def test_region_of_interest_ends_the_concurrence() -> None:
-    """The turtle enters the region on its way to the first point, so it never drives to the second."""
+    """The turtle enters the region on its way to the first point. It never drives to the second
+    one.
+    """
     with town() as there:
         carry_out(there, bounded(there, 6, machine([(10.0, 6.5), (10.0, 1.0)]).run))
         assert sorted(started(there)[2:4]) == ["Wait", "WaitForROI"]

@@ -1,5 +1,5 @@
-"""Tasks that leave navigation to a navigator, here a module that drives the turtle without the
-tasks' help.
+"""Tasks that leave navigation to a navigator. Here a module drives the turtle without help of the
+tasks.
 """
 
 import math
@@ -18,8 +18,8 @@ NO_WAY = Failure("no way")
 
 @contextmanager
 def town_with_navigator() -> Iterator[tuple[Town, list[Target]]]:
-    """A town whose navigator moves the turtle after a second of planning. Places below the x axis
-    have no path.
+    """Run a town whose navigator moves the turtle after a second of planning. Places below the x
+    axis have no path.
     """
     with town(Pose(5.0, 5.0), tasks=[MoveBase, MoveGoal]) as there:
         told, navigator = list[Target](), Module("navigator", there.central)
@@ -37,7 +37,7 @@ def town_with_navigator() -> Iterator[tuple[Town, list[Target]]]:
         @navigator.handles(MOVE_BASE_SIMPLE, resource="simple")
         def move_base_simple(_: Task, target: Target) -> None:
             told.append(target)
-            if len(told) > 1:  # the first one is lost
+            if len(told) > 1:  # the first target is lost
                 jump(target)
 
         with navigator.running():

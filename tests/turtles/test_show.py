@@ -61,7 +61,7 @@ def test_three_turtles_meet_over_a_link_that_loses_half(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_three_turtles_run_under_tca_run(tmp_path: Path) -> None:
-    """Runs as the page says, in real time."""
+    """The three turtles run as the page says, in real time."""
     with ExitStack() as stack:
         for turtle in MISSIONS:
             robot = start(
@@ -93,7 +93,9 @@ def start(module: str, *arguments: str, log: Path, central: str = "") -> subproc
 
 
 def checkpoints(said: str) -> Iterator[tuple[str, str, tuple[float, float]]]:
-    """Departures of turtles to places, and arrivals that they report, in their common order."""
+    """Yield the departures of turtles to places, and the arrivals that they report, in their common
+    order.
+    """
     goals = dict[str, tuple[float, float]]()
     for turtle, task, x, y in re.findall(
         r"s  (turtle\d): (\w+)\((?:goal_x=([\d.]+), goal_y=([\d.]+))?", said

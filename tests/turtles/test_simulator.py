@@ -1,4 +1,4 @@
-"""The simulator as a module on a stepped clock, so equal commands draw equal lines."""
+"""The simulator as a module on a stepped clock, so that equal commands draw equal lines."""
 
 import pytest
 

@@ -64,7 +64,7 @@ def test_three_datagrams_suffice_without_loss() -> None:
 
 
 def test_statuses_never_overtake_their_causes() -> None:
-    """b reacts to a. c hears b only, but also learns a's status."""
+    """Robot b reacts to a. Robot c gets datagrams of b only, but also learns a's status."""
     a, b, c = (Statuses(name, [other for other in NAMES if other != name]) for name in NAMES)
     exchange(a, c)
     a.set(1)

@@ -20,8 +20,8 @@ from tca_module import Outcome, TaskFailed
 
 @contextmanager
 def team() -> Iterator[tuple[Town, StatusLink, StatusLink]]:
-    """A town of turtle "a", with its link and that of its partner "b". A third partner "c" never
-    appears.
+    """Run a town of turtle "a", with its link and the link of its partner "b". A third partner "c"
+    never appears.
     """
     addresses = free_team("a", "b", "c")
     with (

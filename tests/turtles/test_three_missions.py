@@ -19,7 +19,7 @@ PERIOD = 0.1
 
 
 class Recorder:
-    """Records the actions of a mission; the three missions have no branches."""
+    """A mission that records its actions. The three missions have no branches."""
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
@@ -29,7 +29,7 @@ class Recorder:
 
 
 class Agent:
-    """Plays one mission on a network; the seed decides its travel times."""
+    """A robot that plays one mission on a network. The seed decides its travel times."""
 
     def __init__(
         self, name: str, network: LossyNetwork, visits: list[tuple[str, str, Any]]

@@ -1,4 +1,6 @@
-"""A turtle with its simulator and its task server, on a stepped clock, so every run is the same."""
+"""A turtle with its simulator and its task server, on a stepped clock, so that every run is the
+same.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -64,7 +66,7 @@ def carry_out(
     at_most: float = 10_000.0,
     opened: Mission | None = None,
 ) -> Any:
-    """Carry out a mission in its own thread while time passes. Returns its result."""
+    """Carry out a mission in its own thread while time passes. Return its result."""
 
     def run() -> Any:
         with opened or Mission("turtle", name="test", central=there.central) as made:
@@ -79,7 +81,7 @@ def carry_out(
 
 
 def started(there: Town) -> list[str]:
-    """All started tasks, in order."""
+    """Return the names of all started tasks, in order."""
     names = [f"{there.server.module.name}.{task}" for task in there.server.definitions]
     sent = [
         fact.message
@@ -122,7 +124,9 @@ class Enough:
 def bounded(
     there: Town, tasks: int, endless: Callable[[Mission], object]
 ) -> Callable[[Mission], None]:
-    """End an endless mission after its first tasks; a few more may start before the end."""
+    """Return a mission that ends an endless one after its first tasks. A few more tasks may start
+    before the end.
+    """
 
     def carry_out(mission: Mission) -> None:
         mission.add_condition(Enough(there, tasks))

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def answer(url: str) -> Any:
-    """The server's answer. Asks again while the server still reads the journal."""
+    """Return the server's answer. Ask again while the server still reads the journal."""
     deadline = time.monotonic() + 20
     while True:
         try:

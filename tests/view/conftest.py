@@ -29,7 +29,7 @@ OpenPage = Callable[..., Page]
 def until(page: Page, holds: str, arg: object = None) -> None:
     """Wait until a JavaScript expression holds.
 
-    Playwright's own wait evaluates in the page, which the page's policy forbids.
+    Playwright's own wait function evaluates in the page, which the page's policy forbids.
     """
     end = time.monotonic() + SOON / 1000
     while not page.evaluate(holds, arg):
@@ -38,7 +38,7 @@ def until(page: Page, holds: str, arg: object = None) -> None:
 
 
 def written(page: Page) -> list[tuple[str, str]]:
-    """The texts that the chart draws, each with its colour."""
+    """Return the texts that the chart draws, each with its colour."""
     texts: list[list[str]] = page.evaluate(
         """() => {
           const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
@@ -53,7 +53,7 @@ def written(page: Page) -> list[tuple[str, str]]:
 
 @contextmanager
 def served(log: Log, *, follows: bool = False, steering: Steering | None = None) -> Iterator[str]:
-    """The address of a page, whose server runs in a thread."""
+    """Serve a page in a thread. Yield the page's address."""
     log.check_beginning()
     runs = Runs(log, follows=follows)
     server = uvicorn.Server(
@@ -73,14 +73,16 @@ def served(log: Log, *, follows: bool = False, steering: Steering | None = None)
 
 @pytest.fixture
 def serve() -> Iterator[Callable[..., str]]:
-    """Serves a journal (default: the newest run), and returns the page's address."""
+    """Yield a function that serves a journal (default: the newest run) and returns the page's
+    address.
+    """
     with ExitStack() as servers:
         yield lambda journal=None, steering=None: servers.enter_context(
             served(open_log(journal), follows=journal is None, steering=steering)
         )
 
 
-@pytest.fixture(scope="package")  # its event loop disturbs tests of other packages
+@pytest.fixture(scope="package")  # the browser's event loop disturbs tests of other packages
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("no Chromium here: install the package 'chromium'")
@@ -98,7 +100,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="package")
 def window(browser: Browser) -> BrowserContext:
-    """A window with one page for all tests. A new one for each test takes twice as long."""
+    """Return a window with one page for all tests. A new window for each test takes far longer."""
     return browser.new_context()
 
 
@@ -106,7 +108,7 @@ def window(browser: Browser) -> BrowserContext:
 def open_page(
     browser: Browser, window: BrowserContext, serve: Callable[[Path], str]
 ) -> Iterator[OpenPage]:
-    """Opens a journal or an address in the browser, one page at a time.
+    """Yield a function that opens a journal or an address in the browser, one page at a time.
 
     The test fails if the page has an error, or fetches from elsewhere. With ``clock=True`` time
     passes in the page only by ``page.clock``.

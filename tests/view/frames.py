@@ -5,7 +5,7 @@ from typing import Any
 
 
 def parsed(frame: bytes) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """A frame, and its columns by table and name."""
+    """Return a frame, and its columns by table and name."""
     content = json.loads(frame)
     columns = {
         f"{table}.{key.split(':')[0]}": values

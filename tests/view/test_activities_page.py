@@ -41,7 +41,7 @@ class Town(NamedTuple):
     application: Application
     module: Module
     robot: ExitStack
-    """The application's program: closing the stack ends it."""
+    """The application's program. Closing this stack ends the program."""
     address: str
     key: str
     speeds: Queue[float]
@@ -189,7 +189,7 @@ def test_application_stop_restart_and_loss_show_in_all_windows(
     page = open_page(town.address, f"?key={town.key}")
     second = window.new_page()
     try:
-        second.goto(town.address)  # without the key it is read-only
+        second.goto(town.address)  # without the key the page is read-only
         expect(second.locator("#status")).to_have_text("running")
         expect(second.get_by_role("button", name="stop")).to_be_disabled()
         page.get_by_role("button", name="enable").click()

@@ -1,4 +1,4 @@
-"""The final causes of waits, on every row, in the pane, and for all tasks in the header."""
+"""The final causes of waits: on every row, in the pane, and for all tasks in the header."""
 
 import re
 from pathlib import Path
@@ -75,7 +75,7 @@ def test_new_wait_has_no_duration(open_page: OpenPage, tmp_path: Path) -> None:
 
 
 def waiting_chain(number: int) -> Story:
-    """A chain of waiting tasks. The first one is handled."""
+    """Return a chain of waiting tasks. The first one is handled."""
     story = Story().module("arm", "lift").at(1.0)
     last = first = story.command("lift", "user")
     for _ in range(number):

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 
 def crowded() -> Story:
-    """Forty modules, a message without a handler, and a suspended task."""
+    """Return a story with forty modules, a message without a handler, and a suspended task."""
     story = Story()
     for number in range(40):
         story.module(f"module {number}", f"work {number}")
@@ -78,7 +78,7 @@ LOOKS = """([time, before]) => {
   const at = [x, top + 4].map((place) => place * devicePixelRatio);
   return [...chart.canvas.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
 }"""
-"""The colour of the first row, some pixels before a time."""
+"""JavaScript: the colour of the first row, some pixels before a time."""
 
 
 @pytest.mark.soak
@@ -211,4 +211,4 @@ _BRIGHTEST = """(() => {
   const seen = canvas.getContext("2d").getImageData(canvas.width * 0.6, (top + 3) * devicePixelRatio, 1, 1).data;
   return Math.max(...seen.slice(0, 3)) * seen[3] / 255;
 })()"""
-"""The strongest colour of the first bar."""
+"""JavaScript: the strongest colour of the first bar."""

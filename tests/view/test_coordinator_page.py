@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def delivery(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A delivery whose foreseen box is occupied after 2 s."""
+    """Return a delivery whose foreseen box is occupied after 2 s."""
     return written(deliver(1.0, changed=0.0), tmp_path_factory.mktemp("coordinator") / "delivery")
 
 

@@ -1,4 +1,6 @@
-"""A journal damaged while the page follows it: reported at once, readable parts are shown."""
+"""A journal that is damaged while the page follows it. The damage is reported at once, and readable
+parts are shown.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -17,12 +19,12 @@ pytestmark = pytest.mark.slow
 
 
 def damaged(content: bytes) -> bytes:
-    """A record with its length, but with wrong content."""
+    """Return a record with the right length but wrong content."""
     return content[:-3] + bytes(byte ^ 0xFF for byte in content[-3:])
 
 
 def more(story: Story) -> list[bytes]:
-    """The records that are written next."""
+    """Return the records that are written next."""
     known = len(story.entries)
     for time, name in enumerate(("fly", "swim", "dive", "rest"), start=5):
         story.at(time).command(name, "user")
@@ -124,7 +126,7 @@ def test_repaired_or_restored_journal_is_read_again(
     )
     asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
     request = page.context.request
-    page.close()  # else it would reload, and the browser log an error
+    page.close()  # an open page would reload, and the browser would log an error
     segment.rename(away)
     assert request.get(asked).status == 200
     away.rename(segment)

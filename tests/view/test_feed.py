@@ -61,7 +61,7 @@ class Page:
 
 
 class FedPlayer(Player):
-    """The feed takes every entry. The page asks for news after each seventh."""
+    """A player that feeds all its entries. The page asks for news after every seventh entry."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -130,7 +130,9 @@ def test_following_page_knows_all_of_the_history(
 
 
 def assert_lanes(spans: list[tuple[Any, ...]], ends: dict[int, tuple[float, str]]) -> None:
-    """No two spans of a lane overlap, and there are only as many lanes as spans at a time."""
+    """Assert that no two spans of a lane overlap, and that there are no more lanes than
+    simultaneous spans.
+    """
     rows: dict[tuple[int, str], list[tuple[float, float, int]]] = {}
     for number, (row, kind, _, _, within, lane, start) in enumerate(spans):
         if within < 0 and kind in LANES_OF:
@@ -146,7 +148,7 @@ def assert_lanes(spans: list[tuple[Any, ...]], ends: dict[int, tuple[float, str]
 
 
 def assert_traffic(page: Page, history: History) -> None:
-    """Each handling counts once, and each message that waits for its first handling."""
+    """Assert that each handling counts once, and each message that waits for its first handling."""
     links, counted = page.table("link"), Counter[tuple[str, str, str]]()
     for link, _, is_less in page.table("sent"):
         sender, message, _, handler = links[link]
@@ -163,7 +165,7 @@ def assert_traffic(page: Page, history: History) -> None:
 
 
 def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
-    """Each failure has a row, and its last verdict agrees with the history."""
+    """Assert that each failure has a row, and that its last verdict agrees with the history."""
     last = {row: is_good for row, is_good, _ in page.table("verdict")}
     failures = page.table("failure")
     for row, is_good, turn in page.table("verdict"):  # each verdict as known at its time

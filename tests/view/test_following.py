@@ -1,4 +1,6 @@
-"""The tree scrolls to the chosen or current task, and never against the reader."""
+"""The tree scrolls to the chosen or current task, but never away from where the reader has
+scrolled.
+"""
 
 import re
 from pathlib import Path
@@ -21,7 +23,9 @@ SLIP = 40
 
 @pytest.fixture
 def walk(tmp_path: Path) -> Path:
-    """Steps of 10 s in sequence. In the last 5 s of each, no handler runs."""
+    """Return the journal of steps of 10 s in sequence. In the last 5 s of each step, no handler
+    runs.
+    """
     story = Story().module("planner", "step").module("legs", "move")
     for step in range(STEPS):
         story.at(step * 10.0)
@@ -73,7 +77,7 @@ def test_jump_target_is_in_sight(open_page: OpenPage, walk: Path) -> None:
 
 
 def assert_in_sight_after_click_on_bar(page: Page) -> None:
-    """Click on a bar of the future: its task comes into sight."""
+    """Click on a bar of the future. Assert that its task comes into sight."""
     x, y = page.evaluate("""() => {
       Object.assign(tca.chart, { from: 580, to: 600 });
       tca.chart.draw();

@@ -74,7 +74,7 @@ SEEN = """() => {
 
 
 def test_bar_wider_than_the_window_has_its_name(browser: Browser, tmp_path: Path) -> None:
-    """A walk of three minutes, with eight seconds of its middle in sight, then its end."""
+    """The chart shows eight seconds amid a walk of three minutes, then the end of the walk."""
     story = Story().module("legs", "walk").module("eyes", "look").at(10.0)
     walk, look = story.goal("walk", "user"), story.goal("look", "user")
     story.delivered(walk, "legs").at(20.0).delivered(look, "eyes").at(40.0).returned(look).at(

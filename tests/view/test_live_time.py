@@ -1,4 +1,6 @@
-"""Time moves on between two messages of a live run: a real browser beside a real central."""
+"""Time continues between two messages of a live run. The test has a real browser and a real
+central.
+"""
 
 import signal
 from collections.abc import Iterator
@@ -28,7 +30,7 @@ def daemon(tmp_path: Path) -> Iterator[Central]:
 @pytest.fixture
 def user(daemon: Central) -> Iterator[Client]:
     with connect("user", daemon.address) as client:
-        assert client.goal(WALK, 1).id  # it has no handler; its id shows that central has it
+        assert client.goal(WALK, 1).id  # the goal has no handler; its id shows that central has it
         yield client
 
 
@@ -37,7 +39,7 @@ def seconds(page: Page, what: str) -> float:
 
 
 def shown(page: Page) -> tuple[str, str, str]:
-    """The moving parts: the clock, the duration of the wait, the end of the chart."""
+    """Return the parts that move: the clock, the duration of the wait, and the end of the chart."""
     return (
         page.locator("#clock").inner_text(),
         page.locator(".row .age").inner_text(),
@@ -180,5 +182,7 @@ def has_rows(number: int) -> str:
 
 
 def top_of(page: Page, row: str) -> float:
-    """The place of a row on the screen, in one step, since each message replaces the rows."""
+    """Return the place of a row on the screen. It is read in one step, because each message
+    replaces the rows.
+    """
     return float(page.evaluate(f'document.querySelector("{row}").getBoundingClientRect().top'))

@@ -26,7 +26,7 @@ MACHINE, OTHER, LARGE = TaskId(1), TaskId(2), TaskId(3)
 
 @pytest.fixture
 def patrol(tmp_path: Path) -> Path:
-    """A machine that enters states at 2 s and 4 s, and ends at 6 s."""
+    """Return a machine that enters states at 2 s and 4 s, and ends at 6 s."""
     with Sequence("patrol") as sm:
         sm.Wait(duration=1.0)
         with sm.concurrence():
@@ -56,7 +56,7 @@ def patrol(tmp_path: Path) -> Path:
 
 
 def active(page: Page) -> Any:
-    """The first lines of the active states."""
+    """Return the first lines of the active states."""
     page.wait_for_selector(".machine svg")
     return page.evaluate(
         "() => [...document.querySelectorAll('.machine .active')].map((one) => one.querySelector('text').textContent).sort().join(' ')"
@@ -110,7 +110,7 @@ def test_server_serves_machine_pictures_of_machines_only(
 def test_server_finds_a_message_while_it_reads(
     serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
-    """The server reads 2,000 entries at a time. It used to refuse messages of later ones."""
+    """The server reads 2,000 entries at a time. It must not refuse messages of later entries."""
     story = Story().module("arm", "grasp")
     for number in range(1, 4001):
         story.at(number / 1000).command("grasp", "user", to="arm", data={"width": 1})

@@ -1,4 +1,4 @@
-"""Failures on the page: marks on the slider, keys to the next one, and the failed subtasks."""
+"""Failures on the page: marks on the slider, keys to the next failure, and the failed subtasks."""
 
 import re
 from pathlib import Path
@@ -41,7 +41,7 @@ def test_handled_failures_are_marked_and_found(open_page: OpenPage, tmp_path: Pa
 
 
 def baking() -> Story:
-    """Thirty cakes. Heating one of them fails, and the cake is killed for it."""
+    """Return a story of thirty cakes. The heating of one cake fails, and this cake is killed."""
     story = Story().module("cook", "bake cake", "stir", "heat").at(1.0)
     for number in range(30):
         cake = story.goal("bake cake", "user")
@@ -163,7 +163,7 @@ def test_failed_query_is_amber_when_its_asker_continued(
     expect(page.locator("#clock")).to_have_text("2.500 s")
     page.keyboard.press("[")
     expect(page.locator("#task h2")).to_have_text("look {3}")
-    page.keyboard.press("End")  # earlier, the asker may still continue
+    page.keyboard.press("End")  # before the end, the asker may still continue
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
     went = "then failed" if passed_on else "continued"
     expect(page.locator("#task .lead").nth(1)).to_have_text(

@@ -253,7 +253,7 @@ def test_page_follows_a_live_central(open_page: OpenPage, tmp_path: Path) -> Non
 
 
 def many_tasks(number: int) -> bytes:
-    """A robot that repeats steps of nine moves."""
+    """Return a robot that repeats steps of nine moves."""
     story = Story().module("planner", "step").module("legs", "move")
     for step in range(number // 10):
         story.at(step * 1.0)
@@ -274,7 +274,7 @@ def many_tasks(number: int) -> bytes:
 
 
 class Halting(Log):
-    """A journal that stops after its first entries until released, as on a slow disk."""
+    """A journal that stops after its first entries until it is released, as on a slow disk."""
 
     def __init__(self, path: Path, first: int) -> None:
         super().__init__(path)

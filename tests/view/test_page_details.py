@@ -1,4 +1,4 @@
-"""Details of the page: where it opens, stable columns, legible names."""
+"""Details of the page: its first view, stable columns, legible names."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 
 def long_run() -> Story:
-    """Forty moves of one second in sequence."""
+    """Return a story of forty moves of one second in sequence."""
     story = Story().module("legs", "move").at(1.0)
     for _ in range(40):
         story.acted(story.command("move", "user"), "legs", 1.0)
@@ -24,7 +24,7 @@ def long_run() -> Story:
 
 
 def day() -> Story:
-    """Six walks of eight moves."""
+    """Return a story of six walks of eight moves."""
     story = Story().module("planner", "walk").module("legs", "move").at(1.0)
     for _ in range(6):
         walk = story.goal("walk", "user")
@@ -66,7 +66,7 @@ def test_future_bar_has_a_dark_name(open_page: OpenPage, tmp_path: Path) -> None
 
 
 def assert_axis_labels_are_free(page: Page) -> None:
-    """The cursor is at 20 s, where a label is."""
+    """Assert that the cursor does not cover a label. It is at 20 s, where a label is."""
     expect(page.locator("#clock")).to_have_text("20.000 s")
     blue = """(y) => {
       const { chart } = tca, [from, to] = chart.window, scale = devicePixelRatio;

@@ -1,4 +1,4 @@
-"""Pictures that modules publish as variables, as of the time shown."""
+"""Pictures that modules publish as variables, as they were at the time shown."""
 
 import base64
 import urllib.request
@@ -22,13 +22,15 @@ PNG = base64.b64decode(
 
 
 def svg(width: int) -> str:
-    """A picture with a script that the page must not run."""
+    """Return a picture with a script that the page must not run."""
     return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="9"><script>parent.ran = true</script></svg>'
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """Pictures of an arm at 1 s and 3 s, of a map at 2 s, and another value at 4 s."""
+    """Return a journal with pictures of an arm at 1 s and 3 s, and of a map at 2 s. Another value
+    follows at 4 s.
+    """
     story = Story().module("arm", "reach")
     values = [
         (1.0, "arm", svg(11)),
@@ -43,7 +45,7 @@ def arm(tmp_path: Path) -> Path:
 
 
 def widths(page: Page) -> Any:
-    """The natural widths of the visible pictures, by name."""
+    """Return the natural widths of the visible pictures, by name."""
     return page.evaluate(
         """() => Object.fromEntries([...document.querySelectorAll('#pictures details:not([hidden])')].map(
           (box) => [box.querySelector('summary').textContent, box.querySelector('img').naturalWidth]))"""

@@ -1,4 +1,4 @@
-"""Playing a run: time moves smoothly, also through silences, and never backwards."""
+"""Playing a run. Time moves smoothly, even through silences, and never backwards."""
 
 import itertools
 from pathlib import Path
@@ -14,14 +14,14 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def quiet(tmp_path: Path) -> Path:
-    """Two short moves with an hour between them."""
+    """Return two short moves with an hour between them."""
     story = Story().module("legs", "move").at(1.0)
     story.acted(story.command("move", "user"), "legs", 10.0).at(3600.0)
     return story.acted(story.command("move", "user"), "legs", 1.0).write(tmp_path / "quiet")
 
 
 def times(page: Page, number: int, milliseconds: int) -> list[float]:
-    """The times on slider and chart, sampled *number* times, *milliseconds* apart."""
+    """Return the times on slider and chart, sampled *number* times, *milliseconds* apart."""
     found = []
     for _ in range(number):
         page.clock.run_for(milliseconds)
@@ -32,7 +32,7 @@ def times(page: Page, number: int, milliseconds: int) -> list[float]:
 
 
 def test_play_button_plays_a_run(open_page: OpenPage, quiet: Path) -> None:
-    """One page for three parts, since a page with a clock of its own opens slowly."""
+    """One page serves for three parts, because a page with a clock of its own opens slowly."""
     page = open_page(quiet, clock=True)
     for time, plays in (
         (6, assert_plays_between_messages),
@@ -68,7 +68,7 @@ def assert_plays_between_messages(page: Page) -> None:
 
 
 def assert_plays_silence_fast(page: Page) -> None:
-    """A long silence is played fast, and the clock is marked."""
+    """Assert that a long silence is played fast, and that the clock is marked meanwhile."""
     page.locator("#play").click()
     shown = times(page, 3, 500)
     assert shown == sorted(set(shown))
@@ -83,7 +83,7 @@ def assert_plays_silence_fast(page: Page) -> None:
 
 
 def assert_zoomed_chart_follows(page: Page) -> None:
-    """A zoomed chart follows the time until the reader drags it."""
+    """Assert that a zoomed chart follows the time until the reader drags it."""
     zoom = "([from, to]) => { Object.assign(tca.chart, { from, to }); tca.chart.draw(); }"
     seen = "[...tca.chart.window, tca.chart.time]"
     page.evaluate(zoom, [3.0, 4.0])

@@ -1,4 +1,6 @@
-"""Queues in the page's chart: the layout and numbers of `tca gantt`, also for long queues."""
+"""Queues in the page's chart: their layout and numbers are those of `tca gantt`, even for long
+queues.
+"""
 
 import itertools
 import random
@@ -19,7 +21,9 @@ pytestmark = pytest.mark.slow
 
 
 def queue_of(number: int) -> Story:
-    """A handled command, and one more queued command of its resource each second."""
+    """Return a story of a handled command. Each second, one more command is queued for its
+    resource.
+    """
     story = Story().module("legs", "move").at(1.0)
     story.delivered(story.command("move", "user"), "legs")
     for second in range(2, number + 2):
@@ -55,7 +59,7 @@ def test_long_queue_is_shown_at_any_time(open_page: OpenPage, tmp_path: Path, nu
 
 
 def lanes_on(page: Page, label: str) -> Any:
-    """The lanes of the queued messages of a row."""
+    """Return the lanes of the queued messages of a row."""
     return page.evaluate(
         """(label) => tca.chart.layout.find(({ row }) => row.label === label).row.queued.lists
           .flat().map((span) => [span.message, span.lane]).sort((a, b) => a[0] - b[0])""",
@@ -99,11 +103,13 @@ PEAKS = """async ([begun, ended, times]) => {
   for (const end of ended) queued.end({ end });
   return queued.peaks(times);
 }"""
-"""The greatest queue length between each two times."""
+"""JavaScript: the greatest queue length between each two times."""
 
 
 def assert_queue_peaks(page: Page) -> None:
-    """Many bars begin or end together, some have no length, and some stay open."""
+    """Compare peaks with a count. Many bars begin or end together, some have no length, and some
+    stay open.
+    """
     life = random.Random(3)
     for _ in range(20):
         starts = sorted(life.randint(0, NOW) for _ in range(life.choice([5, 40, 600])))
@@ -130,7 +136,9 @@ def assert_queue_peaks(page: Page) -> None:
 
 
 def bursts() -> Story:
-    """Bursts of messages at four modules, soon handled, in a run of twenty minutes."""
+    """Return a run of twenty minutes with bursts of messages at four modules. The messages are soon
+    handled.
+    """
     story = Story()
     for module, number, begin in (
         ("sink", 298, 301.0),

@@ -1,4 +1,4 @@
-"""Reasons in the rows of the page: cut to the row, and whole on hover and in the pane."""
+"""Reasons in the rows of the page. A row shows the part that fits; hover and the pane show all."""
 
 import re
 from pathlib import Path
@@ -97,7 +97,7 @@ def test_past_reason_of_a_query_excludes_later_facts(open_page: OpenPage, tmp_pa
 
 @pytest.mark.soak
 def test_holding_constraints_come_before_met_ones(open_page: OpenPage, tmp_path: Path) -> None:
-    """A clean waits for twenty moves. All but the second and the last are achieved."""
+    """A clean waits for twenty moves. All moves are achieved except the second and the last."""
     story = Story().module("legs", "move").at(1.0)
     moves = [story.command("move", "user") for _ in range(20)]
     clean = story.command(
@@ -123,7 +123,9 @@ def test_holding_constraints_come_before_met_ones(open_page: OpenPage, tmp_path:
 
 @pytest.mark.soak
 def test_inherited_constraint_stands_among_the_own(open_page: OpenPage, tmp_path: Path) -> None:
-    """The soup of the second meal waits for the first meal. Its bread waits for the soup, too."""
+    """The soup of the second meal waits for the first meal. The bread of the second meal waits for
+    the soup, too.
+    """
     story = Story().module("cook", "meal", "soup").at(1.0)
     first = story.goal("meal", "user")
     second = story.goal("meal", "user", 0, sequential_achievement(TaskId(first), THIS))

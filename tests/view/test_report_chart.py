@@ -18,7 +18,9 @@ INSIDE = "document.documentElement.scrollWidth <= document.documentElement.clien
 
 
 def long_walk() -> Story:
-    """Many short moves of modules with long names: a chart of the greatest width."""
+    """Return a story of many short moves of modules with long names. Its chart has the greatest
+    width.
+    """
     story = Story()
     for number in range(8):
         story.module(f"gait planner of the {number}th leg", f"move {number}")
@@ -32,7 +34,7 @@ def long_walk() -> Story:
 
 
 def pool() -> Story:
-    """Two copies of a program, with many wide letters in the longest name."""
+    """Return two copies of a program, with many wide letters in the longest name."""
     story = Story().module("arm", "pick").module("arm#2", "pick", resource="arm").at(1.0)
     story.acted(story.command("pick", "user"), "arm", 1.0)
     return story.acted(story.command("pick", "user"), "arm#2", 1.0)
@@ -40,7 +42,7 @@ def pool() -> Story:
 
 @pytest.fixture(params=[long_walk, pytest.param(pool, marks=pytest.mark.soak)])
 def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> Iterator[Page]:
-    """The page of a report."""
+    """Open the page of a report."""
     out = tmp_path / "run.html"
     assert (
         CliRunner()
@@ -56,7 +58,7 @@ def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> I
 
 
 def scrolls(page: Page) -> float:
-    """How far the chart can be scrolled, in pixels."""
+    """Return how far the chart can be scrolled, in pixels."""
     return float(page.locator(".r-scroll").evaluate("(one) => one.scrollWidth - one.clientWidth"))
 
 

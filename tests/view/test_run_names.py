@@ -1,4 +1,4 @@
-"""Names and addresses of runs, which stay the same when other runs come to their folder."""
+"""Names and addresses of runs. They stay the same when other runs come to their folder."""
 
 import shutil
 import threading
@@ -28,9 +28,10 @@ def runs_of(journal: Path | None) -> Iterator[Runs]:
 
 
 def test_server_end_does_not_wait_for_open_pages(journals: Path) -> None:
-    """A page holds the reading and asks for the runs; stop() holds the runs and asks for the reading.
+    """A page holds the reading and asks for the runs. stop() holds the runs and asks for the
+    reading.
 
-    These two could wait for each other.
+    The page and stop() must not wait for each other.
     """
     runs = Runs(open_log(walking().write(journals / "walk")), follows=False)
     shown = runs.show(None)

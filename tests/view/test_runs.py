@@ -1,4 +1,6 @@
-"""The run that the page shows: the newest or a chosen one, with real centrals in sequence."""
+"""The run that the page shows: the newest run or a chosen one. Real centrals run one after the
+other.
+"""
 
 import re
 import shutil
@@ -25,7 +27,7 @@ Start = Callable[[str, Goal[int]], Central]
 
 @pytest.fixture
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    """Starts a central of that name, and sends it a goal without a handler."""
+    """Yield a function that starts a central with a name, and sends it a goal without a handler."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     with ExitStack() as running:
 

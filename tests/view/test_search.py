@@ -1,4 +1,4 @@
-"""The search of the page: messages without a row are found, and a search can be continued."""
+"""The search of the page. Messages without a row are found, and a search can be continued."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def test_search_finds_queries_and_informs_by_name(open_page: OpenPage, tmp_path:
         expect(page.locator("#found")).to_have_text("1 of 1")
         expect(page.locator("#clock")).to_have_text(time)
         expect(page.locator("#task h2")).to_have_text(named)
-    page.evaluate("tca.slider.setTime(5.5)")  # news do not return to the first result
+    page.evaluate("tca.slider.setTime(5.5)")  # new entries do not return to the first result
     page.locator("#search").fill("map")
     expect(page.locator("#found")).to_have_text("3 found")
     for _ in range(2):

@@ -177,7 +177,7 @@ def test_empty_journal_is_reported_as_empty(tmp_path: Path, is_folder: bool) -> 
         found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
         assert found
         assert ("?key=" in found[1]) != is_folder
-        get(found[1])  # it serves, after all its output
+        get(found[1])  # the server serves, after all its output
         process.terminate()
         assert (
             process.communicate()[0]
@@ -198,7 +198,7 @@ def test_live_view_waits_for_an_empty_journal(serve: Callable[[Path], str], tmp_
 
 
 def test_returning_page_learns_at_once_that_the_server_is_back(address: str) -> None:
-    """Otherwise it would learn that with the next news, or after ten seconds."""
+    """Otherwise the page would learn this with the next news, or after ten seconds."""
     known, _ = parsed(get(f"{address}api/frame"))
     since = urllib.parse.quote(json.dumps(known["lengths"]))
     with urllib.request.urlopen(f"{address}api/frame?since={since}&wait=0", timeout=8) as answer:

@@ -31,7 +31,7 @@ class Robot(NamedTuple):
     user: Client
     begun: list[int]
     go_on: threading.Event
-    """Moves return after it is set."""
+    """An event. Moves return after it is set."""
 
 
 @pytest.fixture
@@ -62,12 +62,12 @@ Serve = Callable[..., str]
 
 
 def steering_result(page: Page) -> Locator:
-    """The result of the last request."""
+    """Return the place of the page that shows the last request's result."""
     return page.locator("#steering [role=status]")
 
 
 def ask(page: Page, what: str, task: int, rows: int) -> None:
-    """Open the dialog of a request when *rows* tasks are visible and one of them is handled."""
+    """Open the dialog of a request, once *rows* tasks are visible and one of them is handled."""
     expect(page.locator(".row")).to_have_count(rows)
     expect(page.locator("#counts [data-state=handling]")).to_be_visible()
     page.locator(f".row[data-task='{task}']").click()
@@ -144,7 +144,7 @@ def read(address: str, what: str) -> bytes:
 
 
 def post(address: str, body: Any, **headers: str) -> tuple[int, str]:
-    """The server's status and text for a request."""
+    """Return the server's status and text for a request to steer."""
     named = {name.replace("_", "-"): value for name, value in headers.items()}
     asked = urllib.request.Request(f"{address}api/steer", json.dumps(body).encode(), named)
     try:

@@ -1,4 +1,4 @@
-"""Machines as data: other bytes are not read as a machine."""
+"""Machines as data. Other bytes are not read as a machine."""
 
 import msgspec
 import pytest

@@ -91,7 +91,7 @@ def test_reply_packet_matches_the_documented_bytes() -> None:
 
 
 def test_hello_of_a_later_version_is_read() -> None:
-    """Otherwise central could not answer a newer module with its own version."""
+    """Otherwise central could not answer a newer module with the version that it speaks."""
     hello = headers.Hello(1, headers.PROTOCOL_VERSION + 1, "legs", "run")
     later = msgspec.msgpack.encode(
         [*msgspec.msgpack.decode(msgspec.msgpack.encode(hello)), "more", 7]

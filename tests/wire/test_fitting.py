@@ -43,7 +43,7 @@ class Scraped(Contact):
 
 @dataclass
 class Touch:
-    """Another name, the same fields."""
+    """A class with another name but the same fields."""
 
     leg: int
     height: float
@@ -176,7 +176,7 @@ TYPES: list[tuple[Any, list[Any]]] = [
 
 
 def reads(values: list[Any], sent: Any, wanted: Any) -> bool:
-    """Whether all these values can be decoded after their delivery."""
+    """Whether all *values* can be decoded after their delivery."""
     try:
         for value in values:
             Format[Any](wanted).decode(Format[Any](sent).encode(value))
@@ -215,7 +215,7 @@ def test_misfit_names_the_path_and_the_wanted_type(approve: Callable[..., None])
 
 
 def test_optional_field_does_not_fit_a_required_one() -> None:
-    """A format does not tell whether an optional field is really left out."""
+    """A format does not tell whether the sender really leaves out an optional field."""
     assert (
         first_misfit(schema_text(Sparse), schema_text(Leg))
         == "$.leg: required here, optional there"
@@ -231,7 +231,7 @@ def a_type(**fields: str) -> dict[str, Any]:
 
 
 def test_assumption_of_a_failed_alternative_is_discarded() -> None:
-    """U fits V if T fits X, which it does not: so T does not fit W either."""
+    """U fits V only if T fits X. T does not fit X, so T does not fit W either."""
     sent = {"$ref": "#/$defs/T", "$defs": {"T": a_type(a="U", z="string"), "U": a_type(b="T")}}
     defs: dict[str, Any] = {
         "X": a_type(a="V", z="integer"),

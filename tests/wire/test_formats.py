@@ -1,4 +1,4 @@
-"""User data: a fitting value arrives unchanged, and a misfit is named by its field. Formats are
+"""User data. A fitting value arrives unchanged, and a misfit is named by its field. Formats are
 compared by shape.
 """
 

@@ -171,7 +171,9 @@ def test_damage_without_later_entries_is_named_by_its_byte() -> None:
 
 
 def test_journal_inside_a_message_is_not_read_as_entries() -> None:
-    """A module sent a part of the journal. The frame of the entry with this part is damaged."""
+    """A module sent a part of the journal as data. The frame of the entry with this data is
+    damaged.
+    """
     held = Entry(
         4, 1.5, [Returned(4, Outcome.DONE, b"".join(map(record, [ENTRIES[2], Entry(2, 9.0, [])])))]
     )
@@ -188,7 +190,7 @@ def test_journal_inside_a_message_is_not_read_as_entries() -> None:
 
 
 class CountingStream(io.BytesIO):
-    """Counts the bytes that are read from it."""
+    """A stream that counts the bytes that are read from it."""
 
     taken = 0
 
@@ -202,7 +204,7 @@ COUNT = 50_000
 
 
 def lies() -> bytes:
-    """Many frames, each with the length of the rest of the file."""
+    """Return many frames, each with the length of the rest of the file."""
     frames = (
         struct.pack(">BIBIB", 0xCE, 11 * (COUNT - number) - 10, 0xCE, 7, 0x93)
         for number in range(COUNT)
@@ -211,7 +213,9 @@ def lies() -> bytes:
 
 
 def leaps() -> bytes:
-    """Good entries, with frames between them that all end at the same worthless frames."""
+    """Return good entries, with frames between them. All these frames end at the same worthless
+    frames.
+    """
     good = [record(Entry(3 + number, 1.0, [])) for number in range(COUNT)]
     size = sum(10 + len(one) for one in good)
     parts = [BYTES]
@@ -227,7 +231,7 @@ def leaps() -> bytes:
 
 
 def every_other() -> bytes:
-    """Entries of which every other one has lost its frame."""
+    """Return entries of which every other entry has lost its frame."""
     return BYTES + b"".join(
         bytes(30) + record(Entry(3 + number, 1.0, [])) for number in range(COUNT)
     )
@@ -250,7 +254,7 @@ def test_search_after_damage_reads_bounded_bytes(make: Callable[[], bytes], entr
 
 
 def framed(*values: object) -> bytes:
-    """Framed entries that no central of this version writes."""
+    """Return framed entries that no central of this version writes."""
     payloads = [msgpack.packb(value) for value in values]
     return b"".join(
         struct.pack(">BIBI", 0xCE, len(one), 0xCE, zlib.crc32(one)) + one for one in payloads
@@ -349,7 +353,7 @@ def test_reading_continues_after_the_journal_grows() -> None:
 
 
 class GrowingStream(io.BytesIO):
-    """Grows by a few bytes whenever it is read."""
+    """A stream that grows by a few bytes whenever it is read."""
 
     def __init__(self, data: bytes, begun: int, more: list[int]) -> None:
         super().__init__(data[:begun])
@@ -408,7 +412,9 @@ def test_oversized_entry_is_split_under_one_number() -> None:
 def test_search_for_a_record_among_fakes_is_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A client may fill a packet with fake frames. Reading a torn end of them must not take hours."""
+    """A client may fill a packet with fake frames. A log that is torn inside such a packet must not
+    take hours to read.
+    """
     fake = struct.pack(">BIBI", 0xCE, 4000, 0xCE, 7) * 1000
     looked_at = 0
 
@@ -419,7 +425,7 @@ def test_search_for_a_record_among_fakes_is_bounded(
 
     monkeypatch.setattr(frames, "crc32", counted)
     monkeypatch.setattr(frames, "MAX_RECORD", 0)
-    assert frames.has_record(fake)  # not certain: the operator decides
+    assert frames.has_record(fake)  # the result is not certain, so the operator decides
     assert looked_at <= 9 * len(fake)
     assert not frames.has_record(fake[:2000])
     assert frames.has_record(fake[:2000] + frames.framed(b"an input"))

@@ -219,7 +219,7 @@ TRANSITIONS = st.builds(Transition, NAMES, st.sampled_from(ALIVE) | STATES, STAT
 
 @given(st.lists(TRANSITIONS, max_size=5))
 def test_life_cycle_is_refused_exactly_when_tasks_could_not_end(more: list[Transition]) -> None:
-    """The rules are checked again here, by following all transitions from each state."""
+    """The test checks the rules in another way: it follows all transitions from each state."""
     table = [
         ACCEPTED,
         Transition("completed", "running", "done"),

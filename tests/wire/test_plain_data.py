@@ -1,4 +1,4 @@
-"""Plain values as data of a format that is known only by its schema: a value arrives whole, or its
+"""Plain values as data of a format that is known only by its schema. A value arrives whole, or its
 misfit is named.
 """
 
@@ -80,7 +80,7 @@ ARRAY = NDArray[np.float64]
 
 
 def received(kind: Any, value: Any) -> Any:
-    """The value that a receiver with the declared *kind* gets."""
+    """Return the value that a receiver with the declared *kind* gets."""
     schema = schema_text(kind)
     return Format(kind).decode(PlainFormat(schema).encode(value))
 

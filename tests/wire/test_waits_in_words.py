@@ -1,4 +1,4 @@
-"""Descriptions of waits: each kind has words, and waits of one kind are joined."""
+"""Descriptions of waits. Each kind of wait has words, and waits of one kind are joined."""
 
 from collections.abc import Callable
 

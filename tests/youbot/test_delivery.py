@@ -39,7 +39,7 @@ TO_C = [
 
 
 def delivered(name: str) -> CarriedObject:
-    """Run one of the schedules."""
+    """Run one of the schedules. Return what the robot carried out."""
     schedule = SCHEDULES[name]
     lid = schedule.lid
     return read_delivery(deliver(lid, make_coordinator(has_preview=schedule.has_preview)).entries)
@@ -114,7 +114,9 @@ def test_journal_equals_the_plain_one_when_likelihoods_are_0() -> None:
 
 
 def test_early_slow_arm_move_speeds_up_when_its_state_is_entered() -> None:
-    """With the continuous policy the arm speeds up as the base approaches, without a stop."""
+    """With the continuous policy, the arm speeds up as the base approaches. The arm does not stop
+    meanwhile.
+    """
     coordinator = Coordinator(make_delivery(), policy=Continuous(from_=0.0, to=2.0))
     central = deliver(Lid(), coordinator)
     first_arm = next(

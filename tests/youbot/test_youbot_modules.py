@@ -107,7 +107,7 @@ def test_unknown_pose_fails_with_a_reason() -> None:
 
 
 def carried(backend: Backend, to: str, lid: Lid | None = None) -> list[JointReadings]:
-    """Measurements after each move of a delivery."""
+    """Return the measurements after each move of a delivery."""
     found = []
     with robot(backend, lid) as (central, user):
         user.command(OFFER_OBJECT).wait(timeout=5)

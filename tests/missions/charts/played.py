@@ -1,4 +1,6 @@
-"""A mission whose tasks the test ends, and a machine that runs on it until the script ends."""
+"""A mission whose tasks end as a script says, and a machine that runs on this mission until the
+script ends.
+"""
 
 from contextlib import suppress
 from typing import Any, get_args
@@ -27,12 +29,12 @@ class PlayedTask:
 
 
 class EndOfPlay(Exception):
-    """The script has ended."""
+    """The end of the script."""
 
 
 class PlayedMission:
-    """Tasks end as the script says. It has a line for each wait: ``"GoTo failed"``, or several,
-    joined by ``+``.
+    """A mission whose tasks end as the script says. The script has a line for each wait: ``"GoTo
+    failed"``, or several joined by ``+``.
     """
 
     def __init__(self, *script: str) -> None:

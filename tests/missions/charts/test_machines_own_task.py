@@ -1,4 +1,4 @@
-"""A machine on a real server: it is a task of its mission, and its end stops all tasks that it
+"""A machine on a real server. It is a task of its mission, and its end stops all tasks that it
 started.
 """
 
@@ -38,7 +38,7 @@ def patrol(**last: object) -> StateMachine:
 
 
 class When:
-    """A condition that acts once *is_so* holds; it is evaluated while the mission waits."""
+    """A condition that acts once *holds* returns true. The mission evaluates it while it waits."""
 
     def __init__(self, holds: Callable[[], bool], do: Callable[[], object]) -> None:
         self.holds, self.do = holds, do

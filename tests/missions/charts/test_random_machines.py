@@ -1,4 +1,4 @@
-"""Random machines: each accepted machine runs and keeps the guarantees of soundness, however its
+"""Random machines. Each accepted machine runs and keeps the guarantees of soundness, however its
 tasks end.
 """
 
@@ -25,7 +25,7 @@ LABELS = [f"s{number}" for number in range(9)]
 
 
 class RandomEndings(PlayedMission):
-    """Any task may end in any way."""
+    """A played mission in which any task may end in any way."""
 
     def __init__(self, data: st.DataObject) -> None:
         super().__init__()
@@ -51,8 +51,8 @@ class RandomEndings(PlayedMission):
 def write_states(
     sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, *, is_in_front: bool
 ) -> None:
-    """Write some states. Most have no transitions of their own, as few machines with many are
-    sound.
+    """Write some states. Most states have no transitions of their own, because few machines with
+    many transitions are sound.
     """
     for _ in range(data.draw(st.integers(2, 3))):
         if not labels:
@@ -87,7 +87,7 @@ def write_states(
 
 
 def random_sound_machine(data: st.DataObject) -> StateMachine:
-    """A random sound machine."""
+    """Return a random sound machine."""
     try:
         with Sequence("random") as sm:
             write_states(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
@@ -117,7 +117,9 @@ def test_sound_machine_keeps_its_guarantees_in_any_run(data: st.DataObject) -> N
 
 
 def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
-    """The states that the statechart can enter and its possible endings, by exhaustive search."""
+    """Return the states that the statechart can enter and its possible endings, by exhaustive
+    search.
+    """
     entered, endings = set[MachineState](), set[Ending]()
     chart = Statechart(root, entered.add, lambda _: None)
     seen = set[tuple[MachineState, ...]]()

@@ -1,4 +1,4 @@
-"""An unsound machine is refused when it is built, in the author's terms."""
+"""An unsound machine is refused when it is built. The error speaks of what the author wrote."""
 
 from collections.abc import Callable
 
