@@ -460,7 +460,10 @@ def test_stuck_subtask_is_named_instead_of_its_goal() -> None:
     scenario.modules["legs"].may_be_lost = 1
     result = tca.explore(scenario)
     fair_circle(result)
-    assert "this cycle can repeat forever, with this waiting throughout:\n     step {" in tca.report(result)
+    assert (
+        "this cycle can repeat forever, with this waiting throughout:\n     step {"
+        in tca.report(result)
+    )
     assert "queued" in tca.report(result)
 
 

@@ -70,7 +70,7 @@ def recalled_message_started(patch: Patch) -> None:
     def return_prefetched(self: Session, _: object = None) -> None:
         self.post(headers.Recalled([header.delivery for header, _ in self.prefetched]))
 
-    patch.setattr(Session, "return_prefetched", requeue_returned)
+    patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
 def recalled_message_lost(patch: Patch) -> None:
@@ -80,7 +80,7 @@ def recalled_message_lost(patch: Patch) -> None:
         real(self, wanted)
         self.outgoing[-1] = headers.Recalled([]), b""
 
-    patch.setattr(Session, "return_prefetched", requeue_returned)
+    patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
 def next_started_before_answer(patch: Patch) -> None:

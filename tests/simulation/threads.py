@@ -382,7 +382,7 @@ class Thread:
             return False
         session = self.session
         if session.prefetched:
-            session.requeue_returned()
+            session.return_prefetched()
         if self._lingers_until == FOR_EVER:
             self._lingers_until = self.now + PATIENCE
             if session.is_welcome and not session.is_confirmed:
