@@ -141,7 +141,7 @@ def sent_or_retried(world: tca.World) -> list[tca.Seen]:
 @pytest.mark.soak
 def test_endless_recovery_ladder_is_found() -> None:
     story = counterexample(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
-    assert "here it comes to 3: walk {2}" in story
+    assert "it has happened 3 times: walk {2}" in story
 
 
 def test_counterexample_shows_each_recovery_action() -> None:
