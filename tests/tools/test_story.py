@@ -149,7 +149,7 @@ def test_narrow_note_drops_durations_first(room: int | None, note: str) -> None:
     assert WAITS.within(room, 4.0) == note
 
 
-CIRCLE = "each waits for the next, in a circle: a waits for b; b waits for a"
+CIRCLE = "each waits for the next, in a cycle: a waits for b; b waits for a"
 
 
 def test_deadlock_outside_handlers_is_told_to_its_program() -> None:

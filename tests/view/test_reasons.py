@@ -118,7 +118,7 @@ def test_holding_constraints_come_before_met_ones(open_page: OpenPage, tmp_path:
     expect(page.locator("#story .age")).not_to_have_count(0)
     expect(rows).to_have_count(20)
     page.evaluate("location.hash = 't=1.5&task=21'")
-    expect(rows.last).to_have_text("and 8 more that are not met")
+    expect(rows.last).to_have_text("and 8 more not met")
 
 
 @pytest.mark.soak
