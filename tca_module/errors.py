@@ -89,7 +89,7 @@ class NotSent(CentralLost):
 
 
 class Stopped(TcaError):
-    """The module was told to end while this call waited.
+    """The module was asked to end while this call waited.
 
     A handler may catch this error to clean up. A handler that does not catch it fails with "module
     lost", unless its task was killed.
@@ -152,6 +152,12 @@ class RequestFailed(TcaError):
 
     def data_as(self, failure: Failure[D]) -> D:
         """Return the failure's data as *failure* declares it.
+
+        Args:
+            failure: the declared failure.
+
+        Returns:
+            The data.
 
         Raises:
             MisuseError: this error has another failure.

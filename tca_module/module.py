@@ -361,7 +361,7 @@ class Module(ModuleCallbacks):
 
     @property
     def stopping(self) -> bool:
-        """Whether the module has been told to end."""
+        """Whether the module was asked to end."""
         return self._stop.is_set()
 
     def _start(self, patience: float, linger: float, *, reconnect: bool) -> None:

@@ -107,12 +107,26 @@ Policy = Callable[[Sequence[Demand]], Allocation]
 
 
 def one_for_all(activities: Sequence[Demand]) -> Allocation:
-    """Allocate all activities to one processor, in the given order."""
+    """Allocate all activities to one processor, in the given order.
+
+    Args:
+        activities: the activities with their demands, in order of subscription.
+
+    Returns:
+        The names of the activities, by processor.
+    """
     return {"all": [activity.name for activity in activities]}
 
 
 def one_each(activities: Sequence[Demand]) -> Allocation:
-    """Allocate each activity to a processor of its own, with its name."""
+    """Allocate each activity to a processor of its own, with its name.
+
+    Args:
+        activities: the activities with their demands, in order of subscription.
+
+    Returns:
+        The names of the activities, by processor.
+    """
     return {activity.name: [activity.name] for activity in activities}
 
 
@@ -126,6 +140,12 @@ def automatic(activities: Sequence[Demand]) -> Allocation:
     No other division of this order into processors needs fewer processors. To see why, compare two
     processors with the same last activity. Both bounds count the same activities. The processor
     that starts later in the order has the same period or a longer one.
+
+    Args:
+        activities: the activities with their demands, in order of subscription.
+
+    Returns:
+        The names of the activities, by processor.
     """
     # The sort is stable: equal periods stay in the order of subscription.
     order = sorted(activities, key=lambda activity: activity.period)

@@ -38,11 +38,11 @@ class Application:
     has no threads, and time passes only in the baton's ``run``.
 
     Args:
-        name: The name of the application.
-        components: The components; ``add`` can add others later.
-        policy: Allocates the activities to processors: ``one_for_all`` (the default), ``one_each``,
+        name: the name of the application.
+        components: the components; ``add`` can add others later.
+        policy: allocates the activities to processors: ``one_for_all`` (the default), ``one_each``,
             ``automatic``, or a dictionary of lists of activity names, by processor.
-        baton: Runs the schedule; by default in threads.
+        baton: runs the schedule. Default: in threads.
 
     Example::
 
@@ -80,11 +80,11 @@ class Application:
         activities are on no processor yet.
 
         Args:
-            component: The component; its name must be new.
+            component: the component; its name must be new.
 
         Raises:
-            MisuseError: The name of the component, or of one of its activities, is in use.
-            UnsoundMachine: One of its regions can't be run.
+            MisuseError: the name of the component, or of one of its activities, is in use.
+            UnsoundMachine: one of its regions can't be run.
         """
         self._add(component)
         self._notify()
@@ -115,8 +115,10 @@ class Application:
         return self._baton.is_running
 
     def initialise(self) -> None:
-        """Reset all components to their first states, together. Raises MisuseError while the
-        application is running.
+        """Reset all components to their first states, together.
+
+        Raises:
+            MisuseError: the application is running.
         """
         if self.is_running:
             raise MisuseError(f"{self!r} is running: call stop() before initialise()")
@@ -125,7 +127,8 @@ class Application:
     def start(self) -> None:
         """Start to tick the activities; all are due at once.
 
-        Raises MisuseError if a component is not initialised.
+        Raises:
+            MisuseError: a component is not initialised.
         """
         if new := [
             component for component in self.components.values() if not component.is_initialised
@@ -166,12 +169,12 @@ class Application:
         """Allocate all activities to processors. All processors get priority 0.
 
         Args:
-            policy: A policy such as ``one_each``; or a dictionary of lists of activity names, by
+            policy: a policy such as ``one_each``; or a dictionary of lists of activity names, by
                 processor, each list in order of subscription. ``automatic`` needs an execution time
                 of each activity: a declared one, or one measured in an earlier run.
 
         Raises:
-            MisuseError: An activity is missing, unknown, allocated twice, or lacks an execution
+            MisuseError: an activity is missing, unknown, allocated twice, or lacks an execution
                 time.
         """
         allocation = _checked_shape(policy(self._demands(policy)) if callable(policy) else policy)
@@ -200,13 +203,13 @@ class Application:
         A processor that loses its last activity is removed.
 
         Args:
-            activity: The name of the activity.
-            processor: The name of an existing or a new processor.
-            position: The activity's place in the processor's order of subscription, from 0; None:
+            activity: the name of the activity.
+            processor: the name of an existing or a new processor.
+            position: the activity's place in the processor's order of subscription, from 0; None:
                 the last.
 
         Raises:
-            MisuseError: There is no such activity, or an argument does not fit.
+            MisuseError: there is no such activity, or an argument does not fit.
         """
         check("move()", checks.LABEL, processor=processor)
         check("move()", _POSITION, position=position)
@@ -221,18 +224,31 @@ class Application:
             )
 
     def remove(self, activity: str) -> None:
-        """Remove an activity from its processor. The activity is not ticked until ``move`` puts it
-        on a processor.
+        """Remove an activity from its processor.
+
+        The activity is not ticked until ``move`` puts it on a processor.
+
+        Args:
+            activity: the name of the activity.
+
+        Raises:
+            MisuseError: there is no such activity.
         """
         with self._changing_by_hand() as schedule:
             schedule.unassign(schedule.activity(activity))
 
     def set_period(self, activity: str, seconds: float) -> None:
-        """Change the period of an activity, in seconds.
+        """Change the period of an activity.
 
-        The new period counts from the last tick. A tick that is due stays due. Raises MisuseError
-        if there is no such activity, or if the period is shorter than the activity's declared
-        execution time.
+        The new period counts from the last tick. A tick that is due stays due.
+
+        Args:
+            activity: the name of the activity.
+            seconds: the new period, in seconds.
+
+        Raises:
+            MisuseError: there is no such activity, or the period is shorter than its declared
+                execution time.
         """
         with self._baton.changing() as schedule:
             schedule.set_period(schedule.activity(activity), seconds, self._baton.clock())
@@ -242,7 +258,13 @@ class Application:
         """Set the priority of a processor; the higher one goes first.
 
         All processors start with priority 0. Among equal priorities the shorter period goes first.
-        Raises MisuseError if there is no such processor.
+
+        Args:
+            processor: the name of the processor.
+            priority: a whole number.
+
+        Raises:
+            MisuseError: there is no such processor, or *priority* is no whole number.
         """
         check("set_priority()", _PRIORITY, priority=priority)
         with self._changing_by_hand() as schedule:
@@ -253,13 +275,18 @@ class Application:
     def on_change(self, function: Callable[[], object]) -> None:
         """Call a function after each change of the allocation, and after start and stop.
 
-        The function is called in the thread that makes the change.
+        Args:
+            function: a function without arguments. It is called in the thread that makes the
+                change.
         """
         self._change_observers.append(function)
 
     def on_add(self, function: Callable[[Component[Any]], object]) -> None:
-        """Call a function with each present component now, and with each later component before its
-        first tick.
+        """Call a function with each present component now, and with each later one.
+
+        Args:
+            function: a function that takes the component. For a later component it is called before
+                the component's first tick.
         """
         self._add_observers.append(function)
         for component in self.components.values():

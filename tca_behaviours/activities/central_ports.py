@@ -30,12 +30,12 @@ def receive(
     """Connect a message with an input port, so that the message's data arrive at the port.
 
     Args:
-        module: The module that handles the message.
-        message: An inform, broadcast or variable.
-        port: A port of the type of the message's data.
+        module: the module that handles the message.
+        message: an inform, broadcast or variable.
+        port: a port of the type of the message's data.
 
     Raises:
-        MisuseError: The types differ.
+        MisuseError: the types differ.
     """
     _check(message, port)
 
@@ -59,13 +59,13 @@ def publish(
     the module logs the loss.
 
     Args:
-        module: The module that sends the message.
-        port: A port of the type of the message's data.
-        message: An inform, broadcast or variable.
-        period: Seconds between two sendings; default 0.05.
+        module: the module that sends the message.
+        port: a port of the type of the message's data.
+        message: an inform, broadcast or variable.
+        period: seconds between two sendings. Default: 0.05.
 
     Raises:
-        MisuseError: The types differ.
+        MisuseError: the types differ.
     """
     _check(message, port)
     waiting: deque[T] = deque(maxlen=_MAX_WAITING)

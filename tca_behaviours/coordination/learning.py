@@ -18,8 +18,8 @@ def count_transitions(
     Runs of other machines do not count, nor do transitions that this machine does not have.
 
     Args:
-        journals: Journals of earlier runs: their folders, their segments, or their entries.
-        chart: The structure of the machine, such as ``Coordinator(machine).chart``.
+        journals: journals of earlier runs: their folders, their segments, or their entries.
+        chart: the structure of the machine, such as ``Coordinator(machine).chart``.
 
     Returns:
         The counts by (label of the state, symbol of the transition).

@@ -26,7 +26,17 @@ class Status(IntEnum):
 
     @classmethod
     def of(cls, code: int) -> "Status":
-        """Return the status in a code, without the mask TERMINATED."""
+        """Return the status in a code, without the mask TERMINATED.
+
+        Args:
+            code: the code, such as ``TaskEnd.status``.
+
+        Returns:
+            The Status.
+
+        Raises:
+            ValueError: this program does not know the status.
+        """
         return cls(code & ~cls.TERMINATED) if code != cls.TERMINATED else cls.TERMINATED
 
 
@@ -76,5 +86,12 @@ _STATUS_OF_FAILURE = {
 
 
 def status_of(failure: str) -> Status:
-    """Return the status of a run that ended with the failure of that name."""
+    """Return the status of a run that ended with a failure.
+
+    Args:
+        failure: the failure's name.
+
+    Returns:
+        The Status; FAILED for any other failure than those that have a status of their own.
+    """
     return _STATUS_OF_FAILURE.get(failure, Status.FAILED)

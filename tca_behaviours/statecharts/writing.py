@@ -36,8 +36,16 @@ class BlockState(State[B, A]):
         self.open_blocks.pop()
 
     def add_arrow(self, arrow: A) -> A:
-        """Add a transition that leads out of this state. Raises MisuseError once the machine is
-        built.
+        """Add a transition that leads out of this state.
+
+        Args:
+            arrow: the transition.
+
+        Returns:
+            The same transition.
+
+        Raises:
+            MisuseError: the machine is built.
         """
         if self.number != -1:
             raise MisuseError(
@@ -83,14 +91,22 @@ class BlockMachine(ABC, Generic[B]):
 
     @property
     def states(self) -> list[B]:
-        """All states, by number. Raises MisuseError while the machine is being written."""
+        """All states, by number.
+
+        Raises:
+            MisuseError: the machine is being written.
+        """
         if not self._states:
             raise MisuseError(f"{self!r} is not built yet: use it after its with block")
         return self._states
 
     @property
     def chart(self) -> MachineChart:
-        """The machine as data. Raises MisuseError while the machine is being written."""
+        """The machine as data.
+
+        Raises:
+            MisuseError: the machine is being written.
+        """
         return chart_of(self.name, self.states)
 
     def _build(self) -> None:

@@ -329,7 +329,9 @@ class FollowedTask(NamedTask, Generic[C]):
     def update_send(self, goal: Any, *, message: Message[Any, Any] | None = None) -> PendingUpdate:
         """Give the running task a new goal, and return at once.
 
-        Arguments are those of ``update``.
+        Args:
+            goal: the new data of the task.
+            message: the task's message, if it is not declared here. Default: None.
 
         Returns:
             A PendingUpdate: ``wait()`` waits for the handler's answer; an async handler can

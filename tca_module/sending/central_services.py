@@ -244,8 +244,28 @@ class CentralServices:
     ) -> Claim:
         """Reserve a resource: it handles only messages of this module (TCA 8.5: ReserveResource).
 
-        Messages that central sends on behalf of this module count as its own. Arguments, result and
-        errors are those of ``lock``.
+        Messages that central sends on behalf of this module count as its own. The reservation waits
+        in the queue and ends as a lock does, see ``lock``.
+
+        Args:
+            resource: the resource's name.
+            module: the name of the resource's module. Default: None, which suffices if one module
+                has a resource of that name.
+            timeout: the most seconds to wait; 0 succeeds only if the resource is free now. Default:
+                None, no bound.
+            priority: -1,000,000 to 1,000,000; the highest is first in the resource's queue.
+                Default: 0.
+
+        Returns:
+            The Claim, for a ``with`` block. The end of the block raises LockLost if the reservation
+            was taken away before.
+
+        Raises:
+            Timeout: the reservation was not granted in time.
+            Deadlock: the wait would never end.
+            Refused: there is no such resource.
+            TaskKilled: in a handler: its task was killed.
+            Stopped: in a handler: its module ends.
         """
         return self._claim(resource, module, timeout, priority, reserve=True)
 
@@ -355,9 +375,19 @@ class CentralServices:
         return msgspec.msgpack.decode(self._ask_central("messages", within), type=list[MessageInfo])
 
     def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
-        """Return the handlers of a message, newest first.
+        """Return the handlers of a message.
 
         The newest handler gets all messages, unless several share a pool.
+
+        Args:
+            message: a message of any class.
+
+        Returns:
+            The handlers, newest first.
+
+        Raises:
+            FormatRefused: other programs declare the message differently.
+            CentralLost: central does not answer.
         """
         self._declare(message)
         return next(

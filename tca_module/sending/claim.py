@@ -33,7 +33,14 @@ class Claim:
         return self._what
 
     def wait(self, timeout: float | None) -> None:
-        """Wait until the claim is granted. Central knows the timeout, and answers in time."""
+        """Wait until the claim is granted. Central knows the timeout, and answers in time.
+
+        Args:
+            timeout: the most seconds to wait; None waits for ever.
+
+        Raises:
+            Timeout: the claim was not granted in time.
+        """
         connection, request = self._connection, self._request
         is_over = connection.wait(request, timeout, self._what)
         # Central times the wait, too, so its answer is on its way: granted, or not.

@@ -149,10 +149,20 @@ class Sender(WatchingServices, QuestionServices):
     ) -> SentTask[R]:
         """Send a command: a task that acts. Returns at once.
 
-        Arguments, options and errors are those of ``goal``.
+        Args:
+            message: the Command.
+            data: its data. Default: None, for a command without data.
+            options: see ``TaskOptions``; the same as those of ``goal``.
 
         Returns:
             The SentTask; its ``result()`` waits for the end and returns the handler's result.
+
+        Raises:
+            BadData: *data* does not fit the message.
+            FormatRefused: other programs declare the message differently.
+            Refused: central can't accept the task. The error is raised later, see ``goal``.
+            CentralLost: central does not answer.
+            MisuseError: an option is wrong.
 
         Example::
 
@@ -389,8 +399,18 @@ class Sender(WatchingServices, QuestionServices):
     ) -> None:
         """Send a broadcast to every module that handles it: at most once each, and in order.
 
-        Arguments and errors are those of ``inform``. With *wait*, the call returns when at least
-        one handler has room.
+        Args:
+            message: the Broadcast.
+            data: its data. Default: None, for a broadcast without data.
+            wait: the most seconds to wait for room in a handler's queue. The call then returns when
+                at least one handler has room. With None, the call returns at once, and a handler
+                whose queue is full does not get the message. Default: None.
+
+        Raises:
+            BadData: *data* does not fit the message.
+            FormatRefused: other programs declare the message differently.
+            Refused: "overload": with *wait*, no handler had room in time.
+            CentralLost: central does not answer.
 
         Example::
 

@@ -268,7 +268,7 @@ class SteerableTask(TaskIntervals, NamedTask):
             "resuming",
         )
 
-    # --- kept tasks -------------------------------------------------------------------------------
+    # --- retained tasks ---------------------------------------------------------------------------
 
     def keep(self) -> None:
         """Retain the task's record after its end (TCM: SetPersistence; TDL: PERSISTENT).
@@ -289,7 +289,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         self._steer(headers.Keep(0, self._tree_id(), origin=self._origin), "keeping")
 
     def release(self) -> None:
-        """Undo ``keep`` for this module. The call has no effect on a task that was not kept."""
+        """Undo ``keep`` for this module. The call has no effect on a task that is not retained."""
         self._steer(
             headers.Keep(0, self._tree_id(), release=True, origin=self._origin), "releasing"
         )
@@ -305,6 +305,9 @@ class SteerableTask(TaskIntervals, NamedTask):
 
         Args:
             message: the task's message, which decodes them.
+
+        Returns:
+            The data.
 
         Raises:
             MisuseError: the task has ended and is not retained, or has another message.

@@ -244,10 +244,15 @@ class Task(Sender, TaskNode, ReportingTask):
     def sleep_until(self, moment: float) -> Any:
         """Sleep until a time on the clock of ``time()``. A loop of such sleeps does not drift.
 
-        Errors are those of ``sleep``. In an async handler: ``await task.sleep_until(moment)``.
+        In an async handler: ``await task.sleep_until(moment)``.
 
         Args:
             moment: the time, in seconds of ``time()``. If it has passed, the call returns at once.
+
+        Raises:
+            TaskKilled: the task was killed; in an async handler CancelledError.
+            Stopped: the module ends; in an async handler CancelledError.
+            CentralLost: central does not answer, or has forgotten the task.
 
         Example::
 

@@ -87,7 +87,7 @@ class TaskRequest:
         return self._server_state.accept(self, goal)
 
     def reject(self, why: str = "") -> bool:
-        """Refuse the request: the task continues as before, and the client gets the reason.
+        """Reject the request: the task continues as before, and the client gets the reason.
 
         Args:
             why: the reason, for people. Default: "".
@@ -164,7 +164,7 @@ class ServerState:
 
     @property
     def can_reject(self) -> bool:
-        """Whether the handler can refuse a request in the task's state."""
+        """Whether the handler can reject a request in the task's state."""
         return self.life_cycle.refusal(self._state) is not None
 
     @property
@@ -245,7 +245,7 @@ class ServerState:
             return True
 
     def reject(self, request: TaskRequest, why: str) -> bool:
-        """Refuse a request. Returns False if it is no longer open."""
+        """Reject a request. Returns False if it is no longer open."""
         with self._lock:
             if request not in self._open:
                 return False
@@ -261,7 +261,7 @@ class ServerState:
     # --- transitions of the handler ---------------------------------------------------------------
 
     def accept_task(self) -> None:
-        """Accept the task, unless the refusal of an early cancel has started it."""
+        """Accept the task, unless the rejection of an early cancel has started it."""
         with self._lock:
             if not self._is_started_by_refusal:
                 self.take_transition(self.life_cycle.accepted.name)

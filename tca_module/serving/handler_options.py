@@ -25,22 +25,22 @@ class HandlerOptions(TypedDict, total=False):
     """The options of a handler. The last four are for handlers of tasks only.
 
     Args:
-        resource: Name of the resource that handles the message. Default: None, the module's own.
-        pool: Name of a pool. The modules of a pool share the messages: a free module gets the next
+        resource: name of the resource that handles the message. Default: None, the module's own.
+        pool: name of a pool. The modules of a pool share the messages: a free module gets the next
             message. Default: None, no pool.
-        pending: Number of messages that may wait for this handler. One more displaces the oldest
+        pending: number of messages that may wait for this handler. One more displaces the oldest
             message: an inform or broadcast is dropped, a query fails with "overload", a goal or
             command is killed. Default: None, no bound.
-        direct: Let senders send this inform or query straight to this handler. This is faster, but
+        direct: let senders send this inform or query straight to this handler. This is faster, but
             has no priority, and the journal does not record the data. While a wiretap or another
             handler wants the message, it goes through central. Default: False.
-        accepts: The handler calls ``task.accept()`` itself. Default: False, a task counts as
+        accepts: the handler calls ``task.accept()`` itself. Default: False, a task counts as
             accepted when the handler starts.
-        takes: Requests of clients that the handler decides about, such as ["update", "cancel"].
+        takes: requests of clients that the handler decides about, such as ["update", "cancel"].
             Default: none. An update then restarts the task with the new goal, and a cancel kills
             the task.
-        refuses: Requests of clients that are always refused. Default: none.
-        when_busy: The fate of a task that would have to wait: "queue" (it waits), "preempt" (the
+        refuses: requests of clients that are always refused. Default: none.
+        when_busy: the fate of a task that would have to wait: "queue" (it waits), "preempt" (the
             other tasks are cancelled) or "reject". Default: None, the resource's *when_busy*.
     """
 

@@ -1,4 +1,4 @@
-"""The deliveries that are not answered yet, and what their handlers have been told.
+"""The deliveries that are not answered yet, and what their handlers know of.
 
 A handler is woken from its present or next wait at most twice. The one reason is a kill or retry of
 its task, the other its module's end. Reading ``task.cancelled`` as true counts as being woken.

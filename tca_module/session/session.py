@@ -100,7 +100,7 @@ class Session(OpenRequests):
         self._confirmation: Request | None = None  #: the newest probe by ``confirm``, if any
         self._replies_to_confirm: list[int] = []  #: the deliveries answered before that probe
         self.breaks = 0  #: how often the connection has broken
-        #: central must be told that the module handles nothing more; set by any thread
+        #: central must learn that the module handles nothing more; set by any thread
         self.is_to_withdraw = False
         self.module = hello.module  #: the name under which central knows the module
         self.attachments = LastingAttachments() if attachments is None else attachments

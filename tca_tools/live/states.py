@@ -38,8 +38,8 @@ def cancel(client: Client, task: str, why: str) -> None:
     """Request the end of a task.
 
     TASK is a task's number, or its message's name if only one such task lives. Its handler decides:
-    it may clean up before it ends, or refuse and continue. If the handler does not accept cancels,
-    the task is killed.
+    it may clean up before it ends, or reject the request and continue. If the handler does not
+    accept cancels, the task is killed.
     """
     click.echo(steering.cancel(client, find_task(client, task), why))
 

@@ -126,7 +126,7 @@ def _label_lines(at: RunAt, task: TaskAt, constraints: list[str], with_data: boo
     times = ""  # those of achieving; before it starts, those of planning
     if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
         start, end = span
-        times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
+        times = f" since {start:.2f}" if end is None else f" {start:.2f}\N{EN DASH}{end:.2f}"
     yield small(f"{task.standing}{times}")
     for one in constraints:
         lines = words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES)

@@ -38,7 +38,7 @@ def view(
     read-only, and needs the printed address. It is served until interrupted.
     """
     with extra("view", "tca view"):
-        from tca_tools.view.app import Steering, application  # noqa: PLC0415 - the viewer is an extra
+        from tca_tools.view.app import Steering, application  # noqa: PLC0415 - an extra
         from tca_tools.view.runs import Runs  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
     log = open_log(log_path)

@@ -76,10 +76,10 @@ class Component(Generic[D]):
     A subclass declares its ports and regions in ``__init__``.
 
     Args:
-        name: The component's name, unique in its application.
-        data: A class or function that makes the shared data of the component's activities.
-        period: Seconds between two ticks of its port handler; default 0.02.
-        estimate: The longest execution time of the port handler in seconds; None: measure it.
+        name: the component's name, unique in its application.
+        data: a class or function that makes the shared data of the component's activities.
+        period: seconds between two ticks of its port handler. Default: 0.02.
+        estimate: the longest execution time of the port handler in seconds; None: measure it.
 
     Example::
 
@@ -121,12 +121,12 @@ class Component(Generic[D]):
         """Declare an input port.
 
         Args:
-            name: The port's name.
-            type_: The class of its values.
-            take: A function that the port handler calls with each value that has arrived, the
+            name: the port's name.
+            type_: the class of its values.
+            take: a function that the port handler calls with each value that has arrived, the
                 oldest first.
-            keep: How many of the newest values the port holds between two calls of the port
-                handler; default 1.
+            keep: how many of the newest values the port holds between two calls of the port
+                handler. Default: 1.
 
         Returns:
             The port.
@@ -136,7 +136,18 @@ class Component(Generic[D]):
         return port
 
     def output(self, name: str, type_: type[T]) -> OutputPort[T]:
-        """Declare an output port for values of a class, and return it."""
+        """Declare an output port.
+
+        Args:
+            name: the port's name.
+            type_: the class of its values.
+
+        Returns:
+            The port.
+
+        Raises:
+            MisuseError: the name is in use, or *type_* is no class.
+        """
         self._check_new(name)
         port = self.outputs[name] = OutputPort(self.name, name, type_)
         return port
@@ -145,9 +156,9 @@ class Component(Generic[D]):
         """Declare an orthogonal region.
 
         Args:
-            name: The region's name.
-            period: Seconds between two ticks of its state machine.
-            estimate: The longest execution time of such a tick in seconds; None: it is measured.
+            name: the region's name.
+            period: seconds between two ticks of its state machine.
+            estimate: the longest execution time of such a tick in seconds; None: it is measured.
 
         Returns:
             The region; its ``state`` adds states.
@@ -168,7 +179,8 @@ class Component(Generic[D]):
     def data(self) -> D:
         """The data that the component's activities share. All other code uses the ports.
 
-        Raises MisuseError outside of the component's activities.
+        Raises:
+            MisuseError: the caller is none of the component's activities.
         """
         if not self.exclusion.is_mine():
             raise MisuseError(f"the data of {self!r} are for its own activities: use a port")
@@ -178,7 +190,11 @@ class Component(Generic[D]):
     def post(self, event: str) -> None:
         """Send an event to all regions that have a transition for it. Thread-safe.
 
-        Raises MisuseError if no region has such a transition.
+        Args:
+            event: the name of the event.
+
+        Raises:
+            MisuseError: no region has such a transition.
         """
         check_known(f"{self!r} has no event", event, sorted(self._regions_by_event))
         for region in self._regions_by_event[event]:
@@ -188,7 +204,10 @@ class Component(Generic[D]):
         """Return all activities of the component: the port handler, the state machines of the
         regions, and the activities of the states.
 
-        Data pass through the activities in this order. Raises UnsoundMachine.
+        Data pass through the activities in this order.
+
+        Raises:
+            UnsoundMachine: the component can't be run.
         """
         self._check()
         found: list[ComponentActivity] = []
@@ -272,6 +291,12 @@ def initialise(components: Iterable[Component[Any]]) -> None:
 
     Initialise connected components together. Otherwise a value that one component's entry function
     sets would be lost when the other component is reset.
+
+    Args:
+        components: the components.
+
+    Raises:
+        MisuseError: the call comes from a tick of one of the components.
     """
     components = list(components)
     for component in components:

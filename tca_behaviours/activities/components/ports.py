@@ -49,7 +49,14 @@ class InputPort(_Port[T]):
         self._arrived: deque[T] = deque(maxlen=keep)
 
     def put(self, value: T) -> None:
-        """Receive a value. Thread-safe. Raises MisuseError if its type does not fit."""
+        """Receive a value. Thread-safe.
+
+        Args:
+            value: the value.
+
+        Raises:
+            MisuseError: its type does not fit.
+        """
         self._check(value)
         self.lost += len(self._arrived) == self._arrived.maxlen
         self._arrived.append(value)
@@ -65,7 +72,11 @@ class InputPort(_Port[T]):
         self.lost = 0
 
     def fits(self, output: "_Port[T]") -> bool:
-        """Return whether all values of an output port fit here."""
+        """Return whether all values of an output port fit here.
+
+        Args:
+            output: the output port.
+        """
         return issubclass(output.type, self._classes)
 
 
@@ -78,14 +89,25 @@ class OutputPort(_Port[T]):
         self._receivers: list[Callable[[T], object]] = []
 
     def set(self, value: T) -> None:
-        """Pass a value to the connected ports. Raises MisuseError if its type does not fit."""
+        """Pass a value to the connected ports.
+
+        Args:
+            value: the value.
+
+        Raises:
+            MisuseError: its type does not fit.
+        """
         self._check(value)
         self.value = value
         for function in self._receivers:
             function(value)
 
     def on_set(self, function: Callable[[T], object]) -> None:
-        """Call a function with each value, in the tick that sets it. The function must be short."""
+        """Call a function with each value, in the tick that sets it.
+
+        Args:
+            function: a function that takes the value. It must be short.
+        """
         self._receivers.append(function)
 
     def clear(self) -> None:
@@ -96,7 +118,12 @@ class OutputPort(_Port[T]):
 def connect(output: OutputPort[T], input_: InputPort[T]) -> None:
     """Connect an output port with an input port: all values set at *output* arrive at *input_*.
 
-    Raises MisuseError if their types do not fit.
+    Args:
+        output: the output port.
+        input_: the input port.
+
+    Raises:
+        MisuseError: their types do not fit, or one is no such port.
     """
     if not isinstance(output, OutputPort) or not isinstance(input_, InputPort):
         raise MisuseError(

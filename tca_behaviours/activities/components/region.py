@@ -66,12 +66,18 @@ class Region:
         return tuple(state.label for state in reversed(self.active))
 
     def is_in(self, name: str) -> bool:
-        """Return whether the state of that name is active."""
+        """Return whether a state is active.
+
+        Args:
+            name: the state's name.
+        """
         return self.states[name].is_active
 
     def on_transition(self, function: Callable[[RegionChange], object]) -> None:
-        """Call a function with each transition, in the tick that makes it. The function must be
-        short.
+        """Call a function with each transition, in the tick that makes it.
+
+        Args:
+            function: a function that takes the RegionChange. It must be short.
         """
         self._observers.append(function)
 
@@ -110,10 +116,16 @@ class Region:
         self.take("")
 
     def take(self, event: str) -> Sequence[RegionTransition]:
-        """Process an event. Returns the transition that was made, if any.
+        """Process an event.
 
         Transitions of inner states come before those of outer states. Within a state, the
         transition that is written first comes first.
+
+        Args:
+            event: the name of the event; "" for a transition without one.
+
+        Returns:
+            The transition that was made, if any.
         """
         for state in self.active:
             for arrow in state.by_event.get(event, ()):

@@ -62,18 +62,18 @@ class RegionState(State["RegionState", "RegionTransition"]):
         """Add a state inside this one. The state that is added first is entered first.
 
         Args:
-            name: The state's name, unique in its region.
-            entry: Called when the state is entered.
-            exit: Called when the state is left.
-            activity: Ticked once a *period* while the state is active.
-            period: The period of the activity in seconds.
-            estimate: The longest execution time of the activity in seconds; None: measure it.
+            name: the state's name, unique in its region.
+            entry: called when the state is entered.
+            exit: called when the state is left.
+            activity: ticked once a *period* while the state is active.
+            period: the period of the activity in seconds.
+            estimate: the longest execution time of the activity in seconds; None: measure it.
 
         Returns:
             The state; its ``to`` adds transitions, its ``state`` adds states inside.
 
         Raises:
-            MisuseError: The name is in use or not allowed, or the activity has no period.
+            MisuseError: the name is in use or not allowed, or the activity has no period.
         """
         if name in self.by_name:
             raise MisuseError(
@@ -102,13 +102,13 @@ class RegionState(State["RegionState", "RegionTransition"]):
         """Add a transition to another state of the region.
 
         Args:
-            target: The state that follows.
-            on: The event; "": the transition is made as soon as the conditions allow it.
-            when: A guard: the transition is made only if this function returns true.
-            needs: States of other regions that must be active, such as "enabling.enabled".
+            target: the state that follows.
+            on: the event; "": the transition is made as soon as the conditions allow it.
+            when: a guard: the transition is made only if this function returns true.
+            needs: states of other regions that must be active, such as "enabling.enabled".
 
         Raises:
-            MisuseError: The target is in another region, or there is neither event nor condition.
+            MisuseError: the target is in another region, or there is neither event nor condition.
         """
         if self.by_name.get(target.label) is not target:
             raise MisuseError(

@@ -26,9 +26,9 @@ class Manager:
     """Publishes an application in central, and lets other programs control it.
 
     Args:
-        application: The application.
-        controls: Buttons for the application's page.
-        picture: Draws the application's picture for the page, as SVG.
+        application: the application.
+        controls: buttons for the application's page.
+        picture: draws the application's picture for the page, as SVG.
 
     Example::
 
@@ -66,7 +66,7 @@ class Manager:
         it.
 
         Args:
-            module: The module; it must not run yet.
+            module: the module; it must not run yet.
         """
         self._module_name, application = module.name, self.application
         resource = module.resource(f"application {application.name}")

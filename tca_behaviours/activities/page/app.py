@@ -27,10 +27,10 @@ def page_app(
     """Return the web application that serves one page.
 
     Args:
-        live: The application that the page shows.
-        hosts: The names by which browsers may address the server.
-        key: The key for commands; None: the page is read-only.
-        token: If given, the server answers only browsers that have opened the address with this
+        live: the application that the page shows.
+        hosts: the names by which browsers may address the server.
+        key: the key for commands; None: the page is read-only.
+        token: if given, the server answers only browsers that have opened the address with this
             token.
     """
     return Starlette(

@@ -16,7 +16,7 @@ class VirtualBaton:
     """Runs a schedule as ``Baton`` does, in one thread and in virtual time.
 
     Args:
-        cost: The virtual execution time of a tick in seconds; by default the declared one.
+        cost: the virtual execution time of a tick in seconds. Default: the declared one.
     """
 
     def __init__(self, cost: Callable[[StateActivity], float] = declared_cost) -> None:
@@ -39,7 +39,14 @@ class VirtualBaton:
             self.schedule.update_order()
 
     def prepare(self, names: Iterable[str]) -> dict[str, Processor]:
-        """Create the processors that do not exist yet."""
+        """Create the processors that do not exist yet.
+
+        Args:
+            names: the names of processors.
+
+        Returns:
+            The new processors, by name.
+        """
         return {
             name: Processor(name, self._now)
             for name in names
@@ -56,7 +63,11 @@ class VirtualBaton:
         self.is_running = False
 
     def run(self, seconds: float) -> None:
-        """Let *seconds* of virtual time pass, and tick all activities that become due."""
+        """Let virtual time pass, and tick all activities that become due.
+
+        Args:
+            seconds: the virtual time that passes, in seconds.
+        """
         end = self._now + seconds
         while self.is_running and (turn := self.schedule.next_turn(self._now)) and turn.at < end:
             self._now = max(self._now, turn.at)

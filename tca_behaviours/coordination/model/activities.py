@@ -30,8 +30,8 @@ class Agent:
     """A part of the robot that works on tasks, such as a base or an arm.
 
     Args:
-        name: Its name.
-        tasks: How many tasks it takes at the same time; default 1. More than one makes sense only
+        name: its name.
+        tasks: how many tasks it takes at the same time. Default: 1. More than one makes sense only
             if the agent's module weighs its tasks by their rank.
     """
 
@@ -47,9 +47,9 @@ class Do:
     """A task of an activity.
 
     Args:
-        message: The command or goal to send.
-        data: Its data.
-        *agents: The agents that the task needs.
+        message: the command or goal to send.
+        data: its data.
+        agents: the agents that the task needs.
     """
 
     def __init__(
@@ -87,20 +87,20 @@ class Activity:
     done.
 
     Args:
-        *tasks: The tasks, each a ``Do``; at least one.
-        needs: Facts that must hold when the activity starts. They must also hold while it runs,
+        tasks: the tasks, each a ``Do``; at least one.
+        needs: facts that must hold when the activity starts. They must also hold while it runs,
             unless the activity changes them itself.
-        makes: Facts that hold when the activity is done. While the activity runs they are unknown.
-        cost: The cost of the activity if it runs in vain: a number, or a function of the Situation;
-            default 0.
-        progress: Converts a progress report of its tasks to a number in [0, 1]. Needed if their
+        makes: facts that hold when the activity is done. While the activity runs they are unknown.
+        cost: the cost of the activity if it runs in vain: a number, or a function of the Situation.
+            Default: 0.
+        progress: converts a progress report of its tasks to a number in [0, 1]. Needed if their
             messages do not report such numbers.
-        undo: Tasks that restore the facts that the activity has changed.
-        adapt: Makes the data of a task that runs early. Its arguments are the task's data, a share
+        undo: tasks that restore the facts that the activity has changed.
+        adapt: makes the data of a task that runs early. Its arguments are the task's data, a share
             of full speed, and a rank: the place in the preview list.
 
     Raises:
-        MisuseError: The activity has no task, or an argument does not fit.
+        MisuseError: the activity has no task, or an argument does not fit.
 
     Example::
 
@@ -131,7 +131,11 @@ class Activity:
         return f"Activity({', '.join(task.text for task in self.tasks)})"
 
     def cost(self, situation: Situation) -> float:
-        """Return the cost of the activity if it runs in vain in this situation."""
+        """Return the cost of the activity if it runs in vain in a situation.
+
+        Args:
+            situation: the situation.
+        """
         cost = self._cost(situation) if callable(self._cost) else self._cost
         check(self, _COST, cost=cost)
         return cost
@@ -139,8 +143,18 @@ class Activity:
     def data_at(self, share: float, rank: int) -> list[Any]:
         """Return the data of the tasks at a share of full speed.
 
-        With rank 0, the state of the activity is the current one, and the data are as written.
-        Raises BadData if the data that ``adapt`` returns do not fit, and any error of ``adapt``.
+        Any error of ``adapt`` is raised, too.
+
+        Args:
+            share: the share of full speed, in [0, 1].
+            rank: the place of the activity in the preview list. With 0, the state of the activity
+                is the current one, and the data are as written.
+
+        Returns:
+            The data, one for each task.
+
+        Raises:
+            BadData: the data that ``adapt`` returns do not fit.
         """
         if rank == 0 or self.adapt is None:
             return [task.data for task in self.tasks]
@@ -155,7 +169,14 @@ class Activity:
         return any(task.has_progress for task in self.tasks)
 
     def progress(self, report: Any) -> float:
-        """Convert a progress report of one of the tasks to a number in [0, 1]."""
+        """Convert a progress report of one of the tasks to a number.
+
+        Args:
+            report: the report.
+
+        Returns:
+            The progress, in [0, 1].
+        """
         value = self._progress(report) if self._progress is not None else report
         return min(1.0, max(0.0, float(value)))  # NaN gives 0
 

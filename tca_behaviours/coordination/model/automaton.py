@@ -30,17 +30,32 @@ class Automaton(Protocol):
     """The part of a machine that a preview reads. A state is a leaf's number, as in the chart."""
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """Return the transitions of a leaf, in their order. The sum of their likelihoods is at most
-        1.
+        """Return the transitions of a leaf.
+
+        Args:
+            state: the leaf's number.
+
+        Returns:
+            The transitions, in their order. The sum of their likelihoods is at most 1.
         """
 
     def activity(self, state: int) -> Activity | None:
-        """Return the activity of a leaf, if it has one."""
+        """Return the activity of a leaf.
+
+        Args:
+            state: the leaf's number.
+
+        Returns:
+            The activity; None if the leaf has none.
+        """
 
     def waits(self, state: int) -> bool:
         """Return whether the machine waits for an event in a leaf.
 
         The machine leaves any other leaf without an activity at once.
+
+        Args:
+            state: the leaf's number.
         """
 
 
@@ -76,8 +91,13 @@ class FlatAutomaton:
         return self._states[0].leaf.number
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """Return the transitions of a leaf, in their order. The sum of their likelihoods is at most
-        1.
+        """Return the transitions of a leaf.
+
+        Args:
+            state: the leaf's number.
+
+        Returns:
+            The transitions, in their order. The sum of their likelihoods is at most 1.
         """
         if state not in self._evaluated:
             leaf = self._states[state]
@@ -89,13 +109,23 @@ class FlatAutomaton:
         return self._evaluated[state]
 
     def activity(self, state: int) -> Activity | None:
-        """Return the activity of a leaf, if it has one."""
+        """Return the activity of a leaf.
+
+        Args:
+            state: the leaf's number.
+
+        Returns:
+            The activity; None if the leaf has none.
+        """
         return self._states[state].activity
 
     def waits(self, state: int) -> bool:
         """Return whether the machine waits for an event in a leaf.
 
         The machine leaves any other leaf without an activity at once.
+
+        Args:
+            state: the leaf's number.
         """
         return self._states[state].kind is StateKind.WAIT
 

@@ -44,8 +44,8 @@ class Interpreter:
         """Process an event; "done" and "failed" are those of the current activity.
 
         Args:
-            event: The name of the event.
-            situation: What guards read.
+            event: the name of the event.
+            situation: what guards read.
 
         Returns:
             The transitions that were taken: none if no guard allows one, several if the event has

@@ -23,8 +23,15 @@ class LikelihoodModel:
     """The variables that the model reads."""
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """Return the likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is
-        unknown.
+        """Return the likelihood that a state is left by a transition.
+
+        Args:
+            situation: the present situation.
+            leaf: the label of the state.
+            symbol: the symbol of the transition.
+
+        Returns:
+            The likelihood, in [0, 1]; None if it is unknown.
         """
         raise NotImplementedError
 
@@ -52,7 +59,7 @@ class Learned(LikelihoodModel):
     """The share of a transition in earlier runs; unknown in a state that was never left.
 
     Args:
-        counts: How often each transition was taken, by (label of its state, symbol), as returned by
+        counts: how often each transition was taken, by (label of its state, symbol), as returned by
             ``count_transitions``.
     """
 
@@ -75,8 +82,8 @@ class Perceived(LikelihoodModel):
     The likelihood is unknown until the variable is set.
 
     Args:
-        variable: The variable, of bool, int or float.
-        negated: Whether the likelihood is 1 minus the value; default False.
+        variable: the variable, of bool, int or float.
+        negated: whether the likelihood is 1 minus the value. Default: False.
     """
 
     def __init__(self, variable: Variable[Any], *, negated: bool = False) -> None:
@@ -118,7 +125,7 @@ class Weighted(LikelihoodModel):
     """The weighted mean of several models. Models whose likelihood is unknown are left out.
 
     Args:
-        parts: Pairs of a weight above 0 and a model.
+        parts: pairs of a weight above 0 and a model.
     """
 
     def __init__(self, parts: Iterable[tuple[float, Likelihood]]) -> None:

@@ -33,13 +33,13 @@ class Coordination(BlockMachine[AuthoredState]):
     States are written inside its ``with`` block, and checked at the end of the block.
 
     Args:
-        name: The machine's name.
-        facts: The facts that hold at the start.
-        watch: Variables that functions read: guards, costs, likelihoods. A variable that is itself
+        name: the machine's name.
+        facts: the facts that hold at the start.
+        watch: variables that functions read: guards, costs, likelihoods. A variable that is itself
             a guard, or is in a Perceived, need not be listed.
 
     Raises:
-        UnsoundMachine: The machine can't be run as it is written. Raised at the end of the block.
+        UnsoundMachine: the machine can't be run as it is written. Raised at the end of the block.
 
     Example::
 
@@ -72,8 +72,8 @@ class Coordination(BlockMachine[AuthoredState]):
         """Add a state with an activity; without one, a state that waits for an event.
 
         Args:
-            label: The state's label, unique in the machine.
-            activity: What the robot does in the state.
+            label: the state's label, unique in the machine.
+            activity: what the robot does in the state.
 
         Returns:
             The state; its ``to`` adds transitions.
@@ -83,8 +83,15 @@ class Coordination(BlockMachine[AuthoredState]):
         return self._register(AuthoredState(kind, label, self._container_for(label), activity))
 
     def final(self, label: str) -> AuthoredState:
-        """Add a final state. It ends the compound in which it is written, or the machine if there
-        is none.
+        """Add a final state.
+
+        It ends the compound in which it is written, or the machine if there is none.
+
+        Args:
+            label: the state's label, unique in the machine.
+
+        Returns:
+            The state.
         """
         return self._register(AuthoredState(StateKind.FINAL, label, self._container_for(label)))
 
@@ -93,6 +100,12 @@ class Coordination(BlockMachine[AuthoredState]):
 
         Its arrows apply in all of these states. An arrow for "done" is different: it is taken when
         a final state inside is reached.
+
+        Args:
+            label: the state's label, unique in the machine.
+
+        Returns:
+            The state.
         """
         return self._register(AuthoredState(StateKind.COMPOUND, label, self._container_for(label)))
 
@@ -121,15 +134,26 @@ class Coordination(BlockMachine[AuthoredState]):
 
     @property
     def chart(self) -> MachineChart:
-        """The structure of the machine as data. Raises MisuseError while the machine is being
-        written.
+        """The structure of the machine as data.
+
+        Raises:
+            MisuseError: the machine is being written.
         """
         agents = [agent.name for agent in self.agents]
         return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
-        """Return the machine with its likelihoods in a situation. *mistakes* receives the errors of
-        functions.
+        """Return the machine with its likelihoods in a situation.
+
+        Args:
+            situation: the situation.
+            mistakes: receives the errors of functions. Default: None, a new object.
+
+        Returns:
+            The automaton.
+
+        Raises:
+            MisuseError: the machine is being written.
         """
         return FlatAutomaton(self.states, situation, mistakes or Mistakes())
 
@@ -141,12 +165,12 @@ class Coordination(BlockMachine[AuthoredState]):
         """Draw the machine into a file.
 
         Args:
-            path: The file; its ending says the format: .svg, .png, .pdf or .dot.
-            report: A report of a run. The current state is green; foreseen states are yellow, with
+            path: the file; its ending says the format: .svg, .png, .pdf or .dot.
+            report: a report of a run. The current state is green; foreseen states are yellow, with
                 their likelihoods.
 
         Raises:
-            MisuseError: The file can't be drawn or written.
+            MisuseError: the file can't be drawn or written.
         """
         marks = {} if report is None else report_marks(report)
         likely = None if report is None else likely_arrows(self.chart, report)

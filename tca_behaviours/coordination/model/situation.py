@@ -29,11 +29,11 @@ class Situation:
         """Return the value of a variable.
 
         Args:
-            variable: The variable; it must be watched.
-            default: The value if it was never set.
+            variable: the variable; it must be watched.
+            default: the value if it was never set.
 
         Raises:
-            MisuseError: The variable is not watched.
+            MisuseError: the variable is not watched.
         """
         if variable.name not in self.variables:
             advice = f"add it to Coordination(..., watch=[...]): a function reads {variable.name!r}"
@@ -42,7 +42,17 @@ class Situation:
         return default if value is None else value
 
     def confidence(self, variable: Variable[Any]) -> float | None:
-        """Return the value of a variable as a number in [0, 1]; None if it was never set."""
+        """Return the value of a variable as a number in [0, 1].
+
+        Args:
+            variable: the variable; it must be watched.
+
+        Returns:
+            The number; None if the variable was never set.
+
+        Raises:
+            MisuseError: the variable is not watched.
+        """
         value = self.variable(variable)
         return None if value is None or isnan(value) else min(max(float(value), 0.0), 1.0)
 

@@ -52,18 +52,18 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         If several arrows have the same event, the first whose guard holds is taken.
 
         Args:
-            target: The state that follows, or its label.
-            on: The event; default "done". "done" and "failed" are those of the state's activity.
-            when: The guard: a variable that must be true or at least 0.5, or a function of the
+            target: the state that follows, or its label.
+            on: the event. Default: "done". "done" and "failed" are those of the state's activity.
+            when: the guard: a variable that must be true or at least 0.5, or a function of the
                 Situation.
-            likelihood: How likely the arrow is: a model such as Prior(0.8), or a function.
-            guard_name: The guard's name in texts; by default the name of the variable or function.
+            likelihood: how likely the arrow is: a model such as Prior(0.8), or a function.
+            guard_name: the guard's name in texts. Default: the name of the variable or function.
 
         Returns:
             The arrow.
 
         Raises:
-            MisuseError: An argument does not fit, or the machine is built.
+            MisuseError: an argument does not fit, or the machine is built.
         """
         check(f"{self!r}.to(...)", LABEL, on=on)
         if when is not None:

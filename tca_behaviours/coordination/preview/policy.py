@@ -52,6 +52,9 @@ def expected_gain(candidate: Candidate) -> float:
 
     p is the probability of the activity's path, x its progress, and C its cost. b is the progress
     of the activity before. D is the cost of undoing the activity.
+
+    Args:
+        candidate: an activity that might run early.
     """
     gain = candidate.probability * candidate.progress_before
     loss = (
@@ -63,7 +66,11 @@ def expected_gain(candidate: Candidate) -> float:
 
 
 def progress_only(candidate: Candidate) -> float:
-    """Return the progress of the activity before, and nothing else."""
+    """Return the progress of the activity before, and nothing else.
+
+    Args:
+        candidate: an activity that might run early.
+    """
     return candidate.progress_before
 
 
@@ -75,7 +82,7 @@ class Policy:
     """Converts the utility of an activity to a share of full speed. A subclass defines ``wanted``.
 
     Args:
-        utility: A function of the Candidate; default ``expected_gain``.
+        utility: a function of the Candidate. Default: ``expected_gain``.
     """
 
     def __init__(self, utility: Utility = expected_gain) -> None:
@@ -83,8 +90,15 @@ class Policy:
         self.utility = utility
 
     def wanted(self, utility: float) -> float:
-        """Return the share in [0, 1] for a utility; 0: do not run early. The share must not fall as
-        the utility grows.
+        """Return the share of full speed for a utility.
+
+        The share must not fall as the utility grows.
+
+        Args:
+            utility: the utility of an activity.
+
+        Returns:
+            The share, in [0, 1]; 0: do not run early.
         """
         raise NotImplementedError
 
@@ -93,6 +107,12 @@ class Policy:
 
         The progress of the activity before decides only when this one starts. A running activity
         keeps its speed until its path has become too unlikely.
+
+        Args:
+            candidate: an activity that might run early.
+
+        Returns:
+            The share, in [0, 1].
         """
         share = self.wanted(self.utility(candidate))
         if not candidate.share:
@@ -105,8 +125,8 @@ class Discrete(Policy):
     """Full speed if the utility is *threshold* or more, otherwise not at all.
 
     Args:
-        threshold: The least utility; default 0.5.
-        utility: A function of the Candidate; default ``expected_gain``.
+        threshold: the least utility. Default: 0.5.
+        utility: a function of the Candidate. Default: ``expected_gain``.
     """
 
     def __init__(self, threshold: float = 0.5, utility: Utility = expected_gain) -> None:
@@ -115,7 +135,14 @@ class Discrete(Policy):
         self.threshold = threshold
 
     def wanted(self, utility: float) -> float:
-        """1 or 0."""
+        """Return full speed or nothing.
+
+        Args:
+            utility: the utility of an activity.
+
+        Returns:
+            1 if the utility is the threshold or more, otherwise 0.
+        """
         return 1.0 if utility >= self.threshold else 0.0
 
 
@@ -126,9 +153,9 @@ class Continuous(Policy):
     activity without ``adapt`` runs at full speed or not at all.
 
     Args:
-        from_: The utility of share 0; default 0.2.
-        to: The utility of share 1; default 0.8.
-        utility: A function of the Candidate; default ``expected_gain``.
+        from_: the utility of share 0. Default: 0.2.
+        to: the utility of share 1. Default: 0.8.
+        utility: a function of the Candidate. Default: ``expected_gain``.
     """
 
     def __init__(
@@ -141,7 +168,14 @@ class Continuous(Policy):
             raise MisuseError(f"from_ must be less than to, not {from_!r} with to={to!r}")
 
     def wanted(self, utility: float) -> float:
-        """Return the share, in tenths."""
+        """Return the share of full speed for a utility.
+
+        Args:
+            utility: the utility of an activity.
+
+        Returns:
+            The share, in tenths.
+        """
         if utility >= self.to:
             return 1.0
         return floor(10 * max(utility - self.from_, 0.0) / (self.to - self.from_)) / 10

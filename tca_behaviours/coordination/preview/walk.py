@@ -28,9 +28,9 @@ class PreviewLimits:
     *transition*.
 
     Args:
-        final: The least probability of staying in a steady state; default 0.5.
-        transition: The greatest likelihood of an arrow out of a steady state; default 0.
-        horizon: The most states of a preview; None: without limit.
+        final: the least probability of staying in a steady state. Default: 0.5.
+        transition: the greatest likelihood of an arrow out of a steady state. Default: 0.
+        horizon: the most states of a preview; None: without limit.
     """
 
     final: float = 0.5
@@ -43,7 +43,12 @@ class PreviewLimits:
         check("PreviewLimits", checks.MAXIMUM, horizon=self.horizon)
 
     def is_steady(self, automaton: Automaton, state: int) -> bool:
-        """Return whether a preview ends in this state."""
+        """Return whether a preview ends in a state.
+
+        Args:
+            automaton: the machine in its present situation.
+            state: the leaf's number.
+        """
         likelihoods = [arrow.likelihood for arrow in automaton.arcs(state)]
         return 1 - fsum(likelihoods) >= self.final or max(likelihoods) <= self.transition
 
@@ -113,9 +118,9 @@ def most_likely(
     state until a state repeats.
 
     Args:
-        automaton: The machine in its present situation.
-        state: The current leaf.
-        limits: The limits of the preview.
+        automaton: the machine in its present situation.
+        state: the current leaf.
+        limits: the limits of the preview.
 
     Returns:
         The foreseen states, the next one first.

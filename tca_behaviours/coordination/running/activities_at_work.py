@@ -37,12 +37,12 @@ class ActivitiesAtWork:
         """Start without activities.
 
         Args:
-            facts: The facts at the start.
-            task: The coordinator's task.
-            failures: The recorded failures of its tasks.
-            patience: Seconds that a task may take to end after a request; then it is killed.
-            enqueue: Enqueues a change for the thread of the run.
-            mistakes: Receives the errors of functions that read the progress of early work.
+            facts: the facts at the start.
+            task: the coordinator's task.
+            failures: the recorded failures of its tasks.
+            patience: seconds that a task may take to end after a request; then it is killed.
+            enqueue: enqueues a change for the thread of the run.
+            mistakes: receives the errors of functions that read the progress of early work.
         """
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has started."""

@@ -57,11 +57,11 @@ class Coordinator:
         """Create a coordinator; ``handle_in`` gives it a module.
 
         Args:
-            machine: The machine.
-            policy: Decides which activities start early; None: none does, there is no preview.
-            limits: Where a preview ends; by default ``PreviewLimits()``.
-            patience: Seconds that a task may take to end after a request; then it is killed.
-                Default 5.
+            machine: the machine.
+            policy: decides which activities start early; None: none does, there is no preview.
+            limits: where a preview ends. Default: ``PreviewLimits()``.
+            patience: seconds that a task may take to end after a request; then it is killed.
+                Default: 5.
         """
         check("Coordinator", _MACHINE, machine=machine)
         check("Coordinator", _POLICY_OR_NONE, policy=policy)
@@ -107,10 +107,10 @@ class Coordinator:
         The module also watches the machine's variables. Call ``handle_in`` before the module runs.
 
         Args:
-            module: The module; it can have only one coordinator.
+            module: the module; it can have only one coordinator.
 
         Raises:
-            MisuseError: The module has a coordinator already.
+            MisuseError: the module has a coordinator already.
         """
         inputs = f"inputs of {self.machine.name}"
         self._interpreter, self._module_name = self.machine.interpreter(), module.name
@@ -134,14 +134,14 @@ class Coordinator:
         If the wait is interrupted, the run is killed.
 
         Args:
-            sender: The module, or a task. The run then hangs below that task.
+            sender: the module, or a task. The run then hangs below that task.
 
         Returns:
             The final state, and counts of transitions and early work.
 
         Raises:
-            TaskFailed: The run failed: an activity failed and its state has no arrow for "failed".
-            TaskKilled: The run was killed.
+            TaskFailed: the run failed: an activity failed and its state has no arrow for "failed".
+            TaskKilled: the run was killed.
         """
         sent = sender.command(self.message, self.chart, sequential=False)
         try:
@@ -157,10 +157,10 @@ class Coordinator:
         Nothing happens if no run is under way, or if the current state has no arrow for the event.
 
         Args:
-            event: The name of the event.
+            event: the name of the event.
 
         Raises:
-            MisuseError: The machine has no arrow for such an event.
+            MisuseError: the machine has no arrow for such an event.
         """
         check_known(f"{self.machine!r} has no event", event, sorted(self.machine.events))
         if (run := self._run) is not None:

@@ -24,12 +24,12 @@ class ActivityTask:
         """Send the task.
 
         Args:
-            under: The coordinator's task.
-            do: The task, as it is written.
-            data: The data of the task: as written, or for another speed.
-            activity: Its activity.
-            rank: The place of the activity in the preview list; 0 if its state is entered.
-            on_change: Called with each change of the task.
+            under: the coordinator's task.
+            do: the task, as it is written.
+            data: the data of the task: as written, or for another speed.
+            activity: its activity.
+            rank: the place of the activity in the preview list; 0 if its state is entered.
+            on_change: called with each change of the task.
         """
         self.do = do
         self.progress = 0.0

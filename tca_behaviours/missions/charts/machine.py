@@ -31,10 +31,10 @@ class StateMachine(BlockMachine[MachineState]):
     ``sm.GoTo("home", goal_x=1.0)`` one with the label "home".
 
     Args:
-        name: The name of the machine, in the tree and in pictures.
+        name: the name of the machine, in the tree and in pictures.
 
     Raises:
-        UnsoundMachine: The machine can't be run as it is written. Raised at the end of the block.
+        UnsoundMachine: the machine can't be run as it is written. Raised at the end of the block.
 
     Example::
 
@@ -62,10 +62,10 @@ class StateMachine(BlockMachine[MachineState]):
         ``sm.GoTo(goal_x=1.0)``.
 
         Args:
-            task: The name of the task.
-            label: The state's label; by default the task's name, with a number if another state has
+            task: the name of the task.
+            label: the state's label. Default: the task's name, with a number if another state has
                 that label.
-            **parameters: The parameters of the task.
+            parameters: the parameters of the task.
 
         Returns:
             The state. Its endings are those of the task: completed, failed, timeout, interrupted.
@@ -84,18 +84,42 @@ class StateMachine(BlockMachine[MachineState]):
         return lambda label="", /, **parameters: self.task(task, label, **parameters)
 
     def epsilon(self, label: str = "", /) -> MachineState:
-        """Add a state that does nothing and completes at once. It joins paths or names an exit."""
+        """Add a state that does nothing and completes at once. It joins paths or names an exit.
+
+        Args:
+            label: the state's label. Default: "epsilon", with a number if another state has that
+                label.
+
+        Returns:
+            The state.
+        """
         return self._new(StateKind.EPSILON, label, "epsilon")
 
     def sequence(self, label: str = "", /) -> MachineState:
-        """Add a container whose states follow one another in writing order, as long as they
-        complete.
+        """Add a container whose states follow one another, as long as they complete.
+
+        The states follow in writing order.
+
+        Args:
+            label: the state's label. Default: "sequence", with a number if another state has that
+                label.
+
+        Returns:
+            The container, whose states are written in its ``with`` block.
         """
         return self._new(StateKind.SEQUENCE, label, "sequence")
 
     def machine(self, label: str = "", /) -> MachineState:
-        """Add a machine inside this one. The machine starts with its first state, and has only the
-        transitions that are written.
+        """Add a machine inside this one.
+
+        It starts with its first state, and has only the transitions that are written.
+
+        Args:
+            label: the state's label. Default: "machine", with a number if another state has that
+                label.
+
+        Returns:
+            The container, whose states are written in its ``with`` block.
         """
         return self._new(StateKind.MACHINE, label, "machine")
 
@@ -105,7 +129,7 @@ class StateMachine(BlockMachine[MachineState]):
         """Add a container whose states run together. At most one of them may have foreground tasks.
 
         Args:
-            label: The container's label.
+            label: the container's label.
             until: "any": the first ending of a state is the container's ending. "all": the
                 container completes when all states have completed; any other ending ends it at
                 once. States that still run are then stopped.
@@ -132,14 +156,14 @@ class StateMachine(BlockMachine[MachineState]):
         tasks of the machine are stopped.
 
         Args:
-            mission: The open mission; its server must offer the tasks.
+            mission: the open mission; its server must offer the tasks.
 
         Returns:
             The TaskEnd of the completed machine.
 
         Raises:
-            MissionTaskFailed: The machine did not complete.
-            UnknownTask, BadParameter: The server has no such task. Nothing was started.
+            MissionTaskFailed: the machine did not complete.
+            UnknownTask, BadParameter: the server has no such task. Nothing was started.
         """
         return run_as_task(self.root, self.chart, mission)
 
@@ -147,11 +171,11 @@ class StateMachine(BlockMachine[MachineState]):
         """Draw the machine into a file.
 
         Args:
-            path: The file; its ending says the format: .svg, .png, .pdf or .dot.
-            active: The numbers of the states to highlight.
+            path: the file; its ending says the format: .svg, .png, .pdf or .dot.
+            active: the numbers of the states to highlight.
 
         Raises:
-            MisuseError: The file can't be drawn or written.
+            MisuseError: the file can't be drawn or written.
         """
         self._draw(path, chart_dot(self.chart, dict.fromkeys(active, "active")))
 

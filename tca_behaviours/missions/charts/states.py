@@ -45,16 +45,16 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         *completed* leads to the next state if the container is a sequence.
 
         Args:
-            completed: The state that follows when this one has completed.
-            failed: The state that follows when it has failed.
-            timeout: The state that follows when it ran too long.
-            interrupted: The state that follows when it was stopped from outside.
+            completed: the state that follows when this one has completed.
+            failed: the state that follows when it has failed.
+            timeout: the state that follows when it ran too long.
+            interrupted: the state that follows when it was stopped from outside.
 
         Returns:
             This state.
 
         Raises:
-            MisuseError: An ending has a successor already, or the machine is built.
+            MisuseError: an ending has a successor already, or the machine is built.
 
         Example::
 
@@ -68,8 +68,13 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return self
 
     def target(self, ending: Ending) -> "MachineState | None":
-        """Return the state that follows an ending; None if the ending is passed on to the
-        container.
+        """Return the state that follows an ending.
+
+        Args:
+            ending: "completed", "failed", "timeout" or "interrupted".
+
+        Returns:
+            The state; None if the ending is passed on to the container.
         """
         if ending in self.by_event:
             return self.by_event[ending][0].target

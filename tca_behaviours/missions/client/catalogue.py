@@ -63,8 +63,8 @@ class Catalogue:
         """Wait until the server offers tasks, at most *patience* seconds.
 
         Raises:
-            NotOffered: The server did not appear in time.
-            MisuseError: There are several servers, and the mission names none.
+            NotOffered: the server did not appear in time.
+            MisuseError: there are several servers, and the mission names none.
         """
         until = time.monotonic() + patience
         while True:

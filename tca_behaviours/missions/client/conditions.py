@@ -28,10 +28,10 @@ class ConditionIsCompleted:
     If the task ends with any other outcome, the wait ends with the task's MissionTaskFailed.
 
     Args:
-        task: The task, as ``mission.start(...)`` or a call with ``foreground=False`` returned it.
-        name: The text of the exception; by default "TASK has ended".
-        ends: Other outcomes that verify the condition, such as ``[Status.TIMEOUT]``.
-        stop_on_clear: Whether the task is stopped when the condition is cleared; default True.
+        task: the task, as ``mission.start(...)`` or a call with ``foreground=False`` returned it.
+        name: the text of the exception. Default: "TASK has ended".
+        ends: other outcomes that verify the condition, such as ``[Status.TIMEOUT]``.
+        stop_on_clear: whether the task is stopped when the condition is cleared. Default: True.
 
     Example::
 
@@ -59,7 +59,8 @@ class ConditionIsCompleted:
     def is_verified(self) -> bool:
         """Return whether the mission has learned that the task ended with a verifying outcome.
 
-        Raises MissionTaskFailed if the task ended with another outcome.
+        Raises:
+            MissionTaskFailed: the task ended with another outcome.
         """
         if not self.task.is_known_over:
             return False

@@ -42,9 +42,7 @@ _CONDITION = checks.instance_of("an object with a method is_verified()", Mission
 
 
 class BaseMission:
-    """The part of a mission that does not depend on its tasks. The classes of stub files inherit
-    it.
-    """
+    """The part of a mission that does not depend on its tasks. Stub files inherit it."""
 
     SERVER = ""  #: the server if none is given
 
@@ -62,15 +60,13 @@ class BaseMission:
         """Create a mission. It joins central when it is opened.
 
         Args:
-            server: The server whose tasks the mission runs; may be left out if there is only one.
-            name: The mission's name in the tree; by default the name of the program.
-            central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
-            patience: How many seconds to wait for the server; default 10.
-            under: A task, in its handler. The mission's tasks belong to this task, not to a goal of
-                the mission.
-            leave_running: Whether the tasks outlive the mission, also after a crash; default False.
-            checkpoint: The file in which ``step`` records completed steps; None: there are no
-                steps.
+            server: the server whose tasks the mission runs; may be left out if there is only one.
+            name: the mission's name in the tree. Default: the name of the program.
+            central: where central listens. Default: ``$TCA_CENTRAL``, else the default socket.
+            patience: how many seconds to wait for the server. Default: 10.
+            under: a task, in its handler, for the mission's tasks. Default: None, a new goal.
+            leave_running: whether the tasks outlive the mission or its crash. Default: False.
+            checkpoint: the file in which ``step`` records completed steps. Default: None, no steps.
         """
         self.central = central  #: its address, as it was given
         self._patience = patience
@@ -88,8 +84,7 @@ class BaseMission:
         # By task, the count of handler changes when the task was checked for a lost server.
         self._checked_at: dict[int, int] = {}
         self._running: dict[int, TaskHandle] = {}
-        #: Its tasks that ended last, oldest first.
-        self.ended = deque[TaskHandle](maxlen=_MOST_ENDED)
+        self.ended = deque[TaskHandle](maxlen=_MOST_ENDED)  #: its last ended tasks, oldest first
         self._conditions: list[MissionCondition] = []
         # The exception with which a condition ends the next wait.
         self._interruption: ConditionVerified | MissionTaskFailed | None = None
@@ -104,9 +99,9 @@ class BaseMission:
         """Join central and find the server. A ``with`` block calls it.
 
         Raises:
-            CentralLost: Central can't be reached.
-            NotOffered: The server did not appear within ``patience`` seconds.
-            MisuseError: The mission is open already, or must name one of several servers.
+            CentralLost: central can't be reached.
+            NotOffered: the server did not appear within ``patience`` seconds.
+            MisuseError: the mission is open already, or must name one of several servers.
         """
         if self._is_open:
             raise MisuseError("this mission is open already")
@@ -124,10 +119,9 @@ class BaseMission:
         return self
 
     def close(self, error: BaseException | None = None) -> None:
-        """Stop all running tasks and leave central. A ``with`` block calls it; a second call does
-        nothing.
+        """Stop all running tasks and leave central. Closing again does nothing.
 
-        With an *error*, the exception that ended the mission, the mission counts as failed.
+        A ``with`` block calls it. With an *error*, which ended the mission, the mission has failed.
         """
         if not self._is_open:
             return
@@ -149,9 +143,7 @@ class BaseMission:
 
     @property
     def name(self) -> str:
-        """The mission's name in central. The name ends with a number if another mission had it
-        already.
-        """
+        """The mission's name in central. It ends with a number if the name was in use already."""
         self._check_open()
         return self._goal.name
 
@@ -166,9 +158,7 @@ class BaseMission:
         return self._catalogue.tasks
 
     def running_tasks(self) -> list[RunningTask]:
-        """Return the server's tasks that have not ended, oldest first: also those of other
-        missions.
-        """
+        """Return the server's living tasks, oldest first: also those of other missions."""
         self._check_open()
         return running_tasks(self._goal.sender, self.server)
 
@@ -188,20 +178,25 @@ class BaseMission:
         """Check a task's name and parameters, and start nothing.
 
         Raises:
-            UnknownTask: The server offers no such task.
-            BadParameter: A parameter is unknown, missing, out of range, or of a wrong type.
+            UnknownTask: the server offers no such task.
+            BadParameter: a parameter is unknown, missing, out of range, or of a wrong type.
         """
         self._task(name).validate(parameters)
 
     def start(self, name: str, /, **parameters: Any) -> TaskHandle:
-        """Start a task by name and do not wait for it, in the foreground or in the background.
+        """Start a task by name, in the foreground or in the background, and do not wait for it.
 
-        Returns the handle of the task, to wait for it or to stop it.
+        Args:
+            name: the name of a task that the server offers.
+            parameters: the task's parameters, by name.
+
+        Returns:
+            The handle of the task, to wait for it or to stop it.
 
         Raises:
-            UnknownTask, BadParameter: As for ``check``.
-            NotOffered: The server has left.
-            ConditionVerified: A condition was verified; nothing was started.
+            UnknownTask, BadParameter: as for ``check``.
+            NotOffered: the server has left.
+            ConditionVerified: a condition was verified; nothing was started.
 
         Example::
 
@@ -219,9 +214,7 @@ class BaseMission:
         return handle
 
     def start_command(self, command: Command[D, TaskEnd], data: D, name: str) -> TaskHandle:
-        """Start a command as a task of the mission called *name*. The command need not be the
-        server's.
-        """
+        """Start a command, of the server or another one, as a task called *name*."""
         self._check_open()
         self._goal.raise_if_killed()
         if self._conditions:
@@ -242,8 +235,16 @@ class BaseMission:
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``.
 
-        Returns the TaskEnd of the completed task; for a task in the background its TaskHandle, at
-        once. Raises MissionTaskFailed if the task did not complete, and what ``start`` raises.
+        Args:
+            name: the name of a task that the server offers.
+            parameters: the task's parameters, by name.
+
+        Returns:
+            The TaskEnd of the completed task; at once the TaskHandle of a task in the background.
+
+        Raises:
+            MissionTaskFailed: the task did not complete.
+            UnknownTask, BadParameter, NotOffered, ConditionVerified: as for ``start``.
         """
         task, handle = self._task(name), None
         try:
@@ -281,10 +282,10 @@ class BaseMission:
         """Wait until a task has ended, at most *timeout* seconds, and return how it ended.
 
         Raises:
-            MissionTaskFailed: The task did not complete.
-            Timeout: The task did not end in time; it runs on.
-            ConditionVerified: A condition was verified.
-            TaskKilled: The mission was killed.
+            MissionTaskFailed: the task did not complete.
+            Timeout: the task did not end in time; it runs on.
+            ConditionVerified: a condition was verified.
+            TaskKilled: the mission was killed.
         """
         self.wait_for_any_task([task], timeout)
         return task.result()
@@ -292,7 +293,18 @@ class BaseMission:
     def wait_for_any_task(
         self, tasks: Sequence[TaskHandle], timeout: float | None = None
     ) -> TaskHandle:
-        """Wait until one of the tasks has ended, and return it. Raises as ``wait_for_task``."""
+        """Wait until one of the tasks has ended.
+
+        Args:
+            tasks: the tasks, one or more.
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            The task that has ended.
+
+        Raises:
+            MissionTaskFailed, Timeout, ConditionVerified, TaskKilled: as for ``wait_for_task``.
+        """
         ended = self.first_ended(tasks, timeout)
         if not ended:
             names = ", ".join(map(str, tasks))
@@ -340,11 +352,7 @@ class BaseMission:
         *,
         in_foreground: Sequence[TaskHandle] = (),
     ) -> list[TaskHandle]:
-        """Wait until one of the tasks has ended, or an event ends the wait.
-
-        A verified condition, the loss of the server, or a kill of the mission ends the wait with an
-        exception.
-        """
+        """Wait until one of the tasks has ended, or an event ends the wait with an exception."""
         until = math.inf if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
             self._raise_interruption(in_foreground)
@@ -357,9 +365,7 @@ class BaseMission:
         return ended
 
     def _wait_for_event(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
-        """Wait for an event that may end a wait for *tasks*. Returns False if there was none in
-        time.
-        """
+        """Wait for an event that may end a wait for *tasks*; False if there was none in time."""
         awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
         ended = first_ended(
             list(awaited),
@@ -381,9 +387,7 @@ class BaseMission:
         return bool(ended or self._interruption)
 
     def _newly_lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
-        """Return the tasks whose message has lost its last handler, unless they were checked since
-        then.
-        """
+        """Return the unchecked tasks whose message has lost its last handler."""
         return [
             task
             for task in tasks
@@ -397,9 +401,14 @@ class BaseMission:
     def update_task(self, task: TaskHandle, /, **parameters: Any) -> None:
         """Change parameters of a running task. Parameters that are not named stay as they are.
 
+        Args:
+            task: a running task of this mission.
+            parameters: the new values, by name.
+
         Raises:
-            BadParameter: A parameter does not fit; nothing was sent.
-            Rejected: The task runs on unchanged, or has ended; the text gives the reason.
+            BadParameter: a parameter does not fit; nothing was sent.
+            Rejected: the task runs on unchanged, or has ended; the text gives the reason.
+            Timeout: the server did not answer within 10 seconds.
         """
         check_handles(task)
         offered, info = self._task(task.name), task.sent.info()
@@ -421,9 +430,7 @@ class BaseMission:
         self._stopping.stop([task], why)
 
     def stop_all_tasks(self, why: str = "the mission has stopped it") -> None:
-        """Stop all tasks of this mission, and wait until they have terminated. Raises as
-        ``stop_task``.
-        """
+        """Stop all tasks of this mission, and wait for their end. Raises as ``stop_task``."""
         self._stopping.stop(list(self._running.values()), why)
 
     def _on_task_end(self, task: TaskHandle) -> None:
@@ -443,18 +450,18 @@ class BaseMission:
         error, its steps are forgotten.
 
         Args:
-            name: The step's name, unique in the mission.
-            function: A task of the mission, or any function that returns plain data.
-            *args: Its arguments.
-            **parameters: Its keyword arguments.
+            name: the step's name, unique in the mission.
+            function: a task of the mission, or any function that returns plain data.
+            args: its arguments.
+            parameters: its keyword arguments.
 
         Returns:
             The value of the function.
 
         Raises:
-            StepUncertain: The program died during the step. If the step is one task that has
+            StepUncertain: the program died during the step. If the step is one task that has
                 completed, the step counts as done instead.
-            MisuseError: The mission has no checkpoint, the name was used, or the value can't be
+            MisuseError: the mission has no checkpoint, the name was used, or the value can't be
                 stored.
 
         Example::
@@ -484,9 +491,7 @@ class BaseMission:
         return self._steps
 
     def _find_earlier_task(self, task: TaskBegun) -> TaskHandle | None:
-        """Find a task that an earlier run of the program has started; None if central has forgotten
-        it.
-        """
+        """Find a task of an earlier run of the program; None if central has forgotten it."""
         offered = self.offered().get(task.name)
         if offered is None:
             return None
@@ -505,9 +510,8 @@ class BaseMission:
     def add_condition(self, condition: MissionCondition) -> None:
         """Interrupt the mission's waits when a condition is verified.
 
-        The waiting call then raises ConditionVerified, or MissionTaskFailed if the condition's task
-        failed. A condition is a ConditionIsCompleted, or any object with a method
-        ``is_verified()``.
+        The wait then raises ConditionVerified, or MissionTaskFailed if the condition's task failed.
+        Give a ConditionIsCompleted, or any object with a method ``is_verified()``.
         """
         check("add_condition()", _CONDITION, condition=condition)
         self._conditions.append(condition)
@@ -527,9 +531,7 @@ class BaseMission:
         self._stopping.stop(tasks, "its condition was cleared")
 
     def _check_conditions(self) -> bool:
-        """Check whether a condition interrupts the mission: it is verified, or its task has
-        failed.
-        """
+        """Check whether a condition is verified, or its task has failed."""
         try:
             verified = [condition for condition in self._conditions if condition.is_verified()]
             self._interruption = ConditionVerified(verified) if verified else None
@@ -555,9 +557,7 @@ class Mission(BaseMission):
 
     A call of a task runs the task to its end and returns its TaskEnd, or raises MissionTaskFailed.
     With ``foreground=False`` it starts the task and returns a TaskHandle at once. The end of the
-    block, or of the process, stops all tasks that still run.
-
-    The arguments are those of ``BaseMission``.
+    block, or of the process, stops all tasks that still run. Args: see ``BaseMission``.
 
     Example::
 

@@ -88,12 +88,12 @@ class MissionGoal:
         """Create the goal; ``open`` sends it.
 
         Args:
-            name: The mission's name.
-            server: The server whose tasks it runs.
-            central: The address of central.
-            under: The task that the mission's tasks belong to. Then the mission needs no goal of
+            name: the mission's name.
+            server: the server whose tasks it runs.
+            central: the address of central.
+            under: the task that the mission's tasks belong to. Then the mission needs no goal of
                 its own.
-            leave_running: Whether the tasks outlive the mission. Then they stand at the top of the
+            leave_running: whether the tasks outlive the mission. Then they stand at the top of the
                 tree, without a goal above them.
         """
         self._title = f"mission {name}"
@@ -184,9 +184,9 @@ class MissionGoal:
         """End the goal and leave central.
 
         Args:
-            error: The exception that has ended the mission, which fails the goal; None: the goal is
+            error: the exception that has ended the mission, which fails the goal; None: the goal is
                 done.
-            waits: Whether to wait for the end of the goal. Don't if a task below it is known to
+            waits: whether to wait for the end of the goal. Don't if a task below it is known to
                 hang.
         """
         with self._stack:

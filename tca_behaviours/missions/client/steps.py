@@ -30,11 +30,11 @@ class Steps:
         """Open the file, and read its steps.
 
         Args:
-            path: The file that records the steps.
-            mission: The mission's name.
-            find_task: Finds a task that an earlier run of the program has started; None if central
+            path: the file that records the steps.
+            mission: the mission's name.
+            find_task: finds a task that an earlier run of the program has started; None if central
                 has forgotten it.
-            finish: Waits for the end of a task.
+            finish: waits for the end of a task.
         """
         self._file = StepFile(path, mission)
         self._find_task, self._finish = find_task, finish

@@ -14,10 +14,10 @@ class TaskHandle:
     """A task that a mission has started: ``watch = mission.WaitForROI(foreground=False, ...)``.
 
     Attributes:
-        name: The task's name, such as "WaitForROI".
-        sent: The task as the library knows it: for constraints, wiretaps, ``info()``.
-        parameters: The parameters that it was given.
-        failure: The name of the failure that ended the task; "" if there was none.
+        name: the task's name, such as "WaitForROI".
+        sent: the task as the library knows it: for constraints, wiretaps, ``info()``.
+        parameters: the parameters that it was given.
+        failure: the name of the failure that ended the task; "" if there was none.
     """
 
     def __init__(
@@ -74,8 +74,13 @@ class TaskHandle:
             self._on_end(self)
 
     def result(self) -> TaskEnd:
-        """Return the outcome of a task that has ended. Raises MissionTaskFailed unless it
-        completed.
+        """Return the outcome of a task that has ended.
+
+        Returns:
+            The TaskEnd.
+
+        Raises:
+            MissionTaskFailed: the task did not complete.
         """
         end = self.end
         assert end is not None
@@ -90,7 +95,14 @@ class TaskHandle:
         return info is not None and bool(info.killed)
 
     def stop(self, why: str = "the mission has stopped it") -> bool:
-        """Stop it, and do not wait for its end. Returns False if it had ended."""
+        """Stop the task, and do not wait for its end.
+
+        Args:
+            why: the reason, for people. Default: "the mission has stopped it".
+
+        Returns:
+            False if it had ended.
+        """
         return not self.is_over and self.sent.kill(why)
 
     def _read_end(self) -> TaskEnd:

@@ -61,22 +61,32 @@ class ServedTask(Generic[E]):
         """Publish a text as the run's status: what it is doing, or why it failed.
 
         Observers get at most 5 texts a second. The newest text is also part of the run's end.
+
+        Args:
+            text: the text.
         """
         self.status_text = text
         self._run.publish()
 
     def failed(self, text: str) -> FailureRaised:
-        """Make a failure of this run. Raise it: ``raise self.failed("no pose yet")``."""
+        """Make a failure of this run. Raise it: ``raise self.failed("no pose yet")``.
+
+        Args:
+            text: the reason.
+
+        Returns:
+            The failure.
+        """
         return MISSION_TASK_FAILED(text=text)
 
     def sleep(self, seconds: float) -> None:
         """Sleep, and let other tasks use the environment in the meantime.
 
         Args:
-            seconds: How long to sleep.
+            seconds: how long to sleep.
 
         Raises:
-            TaskKilled, Stopped: The run must end. Let it through: ``terminate`` is called next.
+            TaskKilled, Stopped: the run must end. Let it through: ``terminate`` is called next.
         """
         self._run.sleep(seconds)
 

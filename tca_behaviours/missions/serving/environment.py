@@ -29,7 +29,7 @@ class Environment:
         Override it to handle messages, or to read sensors periodically.
 
         Args:
-            module: The module of the server.
+            module: the module of the server.
         """
 
     def close(self) -> None:

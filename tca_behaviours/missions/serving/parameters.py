@@ -50,11 +50,14 @@ def parameter(
     """Declare a parameter of a task.
 
     Args:
-        default: The value if none is given; without it the parameter must be given.
-        description: A text for the task's help; name the unit in it.
-        minimum: The least value.
-        maximum: The greatest value.
-        fixed: Whether it can't be changed while the task runs; default False.
+        default: the value if none is given; without it the parameter must be given.
+        description: a text for the task's help; name the unit in it.
+        minimum: the least value.
+        maximum: the greatest value.
+        fixed: whether it can't be changed while the task runs. Default: False.
+
+    Returns:
+        The declaration, to assign to an annotated attribute of the task's class.
 
     Example::
 

@@ -56,20 +56,20 @@ class TaskServer:
         """Create a server; ``run`` or ``running`` starts it.
 
         Args:
-            name: The name of the server and of its module.
-            environment: The object that all tasks share.
-            tasks: Classes of tasks to offer.
-            folder: A folder whose Python files define further tasks. Installed packages may add
+            name: the name of the server and of its module.
+            environment: the object that all tasks share.
+            tasks: classes of tasks to offer.
+            folder: a folder whose Python files define further tasks. Installed packages may add
                 tasks, with entry points "tca.missions.tasks". Only tasks for the environment's
                 class are added.
-            idle: The task that runs while no other task has the foreground. After the idle task has
+            idle: the task that runs while no other task has the foreground. After the idle task has
                 completed, it runs again only after the next foreground task.
-            rate: How many iterations a second a periodic task does by default; default 10.
-            capacity: How many tasks may run at a time, 3 or more; default 16.
-            central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
+            rate: the iterations a second of a periodic task that sets no period. Default: 10.
+            capacity: how many tasks may run at a time, 3 or more. Default: 16.
+            central: where central listens. Default: ``$TCA_CENTRAL``, else the default socket.
 
         Raises:
-            MisuseError, BadFormat: An argument is wrong, or one of *tasks* can't be offered.
+            MisuseError, BadFormat: an argument is wrong, or one of *tasks* can't be offered.
         """
         self.module = Module(name, central, capacity=capacity)
         self.environment = environment
