@@ -183,9 +183,7 @@ def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
     found: dict[object, list[Task]] = {}
     for task in top:
         if task.state in ENDED_BADLY:
-            failed = task
-            if task.state is TaskState.KILLED:
-                failed = run.tasks.get(task.killed_for, task)
+            failed = task if task.failure else run.tasks.get(task.killed_for, task)
             why = failed.failure.name if failed.failure else task.killed
             found.setdefault((task.name, task.state, why), []).append(task)
     rows = [(_end_in_words(tasks[0]), len(tasks)) for tasks in found.values()]
@@ -196,6 +194,6 @@ def _end_in_words(task: Task) -> str:
     """Return a task that was not achieved and the reason: ``move {5} failed: jam``."""
     how = f"was killed: {task.why_killed or 'no reason given'}"
     if task.state is TaskState.FAILED:
-        how = f"failed: {task.failure}"
+        how = f"failed: {task.failure or task.why_killed}"
     text = first_line(f"{task} {how}")
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"

@@ -186,6 +186,8 @@ class RecordFold(Run):
         task = self._task(fact.task)
         self._restore_failure(task)
         task.is_recovering, task.is_dealt_with, task.is_unhandled = False, False, True
+        if not fact.undecided and task.top != task.id:
+            self._task(task.top).fails_by_subtask = True
         self.unhandled.setdefault(fact.task, []).append(self.time)
         self._add_exhausted(fact.task)
 

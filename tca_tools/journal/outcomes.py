@@ -24,7 +24,8 @@ class RunOutcome:
         self.tasks = 0
         """The number of tasks, without monitors."""
         self.why = ""
-        """Why the first top-level task was killed, if one was."""
+        """Why the first top-level task failed or was killed, if one did."""
+        self._unhandled = ROOT  #: the task whose failure fails the task that is killed next
         self._states: dict[int, TaskState] = {}
         self._ends: dict[int, TaskState] = {}
         """By top-level task whose end state will be another than *achieved*: that end state."""
@@ -45,11 +46,14 @@ class RunOutcome:
         if fact.task in self._states and fact.moments & Moment.END_ACHIEVING:
             self._states[fact.task] = self._ends.get(fact.task, TaskState.ACHIEVED)
 
+    def _found_unhandled(self, fact: facts.Unhandled) -> None:
+        self._unhandled = ROOT if fact.undecided else fact.task
+
     def _was_killed(self, fact: facts.Killed) -> None:
+        # The top-level task comes first: listeners and others are killed after it.
+        has_failed, self._unhandled = fact.failed == self._unhandled != ROOT, ROOT
         if fact.task in self._states:
-            self._ends[fact.task] = (
-                TaskState.FAILED if fact.failed == fact.task else TaskState.KILLED
-            )
+            self._ends[fact.task] = TaskState.FAILED if has_failed else TaskState.KILLED
             self.why = self.why or kill_reason(fact.why, fact.by)
 
     def _recovered(self, fact: facts.Recovered) -> None:

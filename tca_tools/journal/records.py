@@ -432,6 +432,8 @@ class Task(Message):
     """Whether its failure was not handled. It continues if it is not killed: a retry may be due, or
     it may survive its ancestor's kill.
     """
+    fails_by_subtask: bool = False
+    """Whether it is a top-level task that fails, because a failure below it was not handled."""
     suspensions: Sequence[Suspension] = NONE
     retries: Sequence[Retry] = NONE
     life: Sequence[LifeChange] = NONE
@@ -538,7 +540,7 @@ class Task(Message):
         ):
             return TaskState.FAILED
         if self.killed is not None:
-            return TaskState.KILLED
+            return TaskState.FAILED if self.fails_by_subtask else TaskState.KILLED
         if not has_ended:
             return None
         return TaskState.RESOLVED if self.failure else TaskState.ACHIEVED

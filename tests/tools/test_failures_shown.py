@@ -59,8 +59,8 @@ def test_failure_is_amber_if_handled_and_red_if_not(*, top_fails: bool) -> None:
     )
     at, rows = RunAt(run), whole_outline(RunAt(run))
     assert at.tasks[STEP].standing == word
-    assert title(at).endswith(f"1 {word}" + ", 1 killed" * top_fails)
-    assert summary(run).tasks[word] == 1
+    assert title(at).endswith(f"{1 + top_fails} {word}")
+    assert summary(run).tasks[word] == 1 + top_fails
     assert [line for line in tree_lines(at, rows) if f"step {{2}}  {colour}{word}" in line]
     assert next(story_lines(run, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
     grown = growth_lines(Recording(story.entries), 0.0, None)  # its fate was unknown when it failed
@@ -71,7 +71,7 @@ def test_failure_is_amber_if_handled_and_red_if_not(*, top_fails: bool) -> None:
         assert word in picture
         assert FILLS["failed" if word == HANDLED else HANDLED] not in picture
     assert [row.task.standing for some in tree(run).below.values() for row in some if row.task] == [
-        "killed" if top_fails else "achieved",
+        word if top_fails else "achieved",
         word,
     ]
 
@@ -219,7 +219,7 @@ def states(resolved_run: History, name: str) -> list[TaskState]:
 
 def test_resolved_task_differs_from_achieved_and_failed(resolved_run: History) -> None:
     assert states(resolved_run, "step") == [RESOLVED, RESOLVED, FAILED]
-    assert states(resolved_run, "walk") == [ACHIEVED, KILLED]
+    assert states(resolved_run, "walk") == [ACHIEVED, FAILED]
     assert states(resolved_run, "swing") == [ACHIEVED, KILLED]
     assert [
         bar.ending for bar in chart(resolved_run).bars() if bar.name == "step" and bar.ending
@@ -233,7 +233,7 @@ def test_resolved_task_differs_from_achieved_and_failed(resolved_run: History) -
 
 
 def test_outcome_counts_resolved_top_level_tasks_separately(resolved_entries: list[Entry]) -> None:
-    assert outcome_of(resolved_entries).top == {ACHIEVED: 1, RESOLVED: 1, KILLED: 1}
+    assert outcome_of(resolved_entries).top == {ACHIEVED: 1, RESOLVED: 1, FAILED: 1}
 
 
 def test_every_tool_shows_done_after_a_failure(path: Path, tca: Any) -> None:
