@@ -245,7 +245,7 @@ def test_refused_observation_raises_and_is_logged(
     with head.running():
         central.until_quiet()
     assert "observing all tasks was refused: there are 1 tasks: observe a message" in caplog.text
-    assert "functions are not called with it any more" in caplog.text
+    assert "no function is called with these changes any more" in caplog.text
 
 
 # --- In coroutines --------------------------------------------------------------------------------

@@ -27,9 +27,7 @@ def make_module(pace: float) -> Module:
 
     @layer.handles(IS_GONE)
     def is_gone(task: Task, cup: Cup) -> bool:
-        """Return whether the cup is out of view and not in the hand; the arm answers only at
-        rest.
-        """
+        """Whether the cup is out of view and not in the hand; the arm answers only at rest."""
         is_in_view = any(seen.number == cup.number for seen in task.query(CUPS_IN_VIEW))
         return not is_in_view and task.query(HELD_CUP) != cup.number
 
