@@ -3,11 +3,11 @@
 The core uses no socket, file or thread, and it never reads the time: each event brings its time.
 
 Theory of operation. ``handle`` accepts one event. First it handles each timer that is due at the
-event's time. Then it records the event. For a request, the request's row of HANDLERS does so. Then
-the core works until nothing changes: points are reached, startable tasks are given to resources,
-ended tasks are reported. ``handle`` returns effects for the server to carry out: first a journal
-entry with the facts and their cause, then the messages to send. Each timer has an entry of its own.
-The same events always give the same effects.
+event's time. Then it applies the event: a request is carried out by the function in its row of
+HANDLERS. Then the core works until nothing changes: points are reached, startable tasks are given
+to resources, ended tasks are reported. ``handle`` returns effects for the server to carry out:
+first a journal entry with the facts and their cause, then the messages to send. Each timer has an
+entry of its own. The same events always give the same effects.
 
 The registry has the modules and messages, and the task tree has the structure of tasks. The agenda
 decides about points and constraints, the dispatcher about slots and queues. Agenda and dispatcher
@@ -317,7 +317,7 @@ class Central(State):
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 
-    # --- shared by the rules ----------------------------------------------------------------------
+    # --- until nothing changes --------------------------------------------------------------------
 
     def _process_all(self) -> None:
         """Work until nothing changes.

@@ -76,8 +76,8 @@ class Collector(Stored):
         self.module_of: dict[int, str] = {}  #: by delivery id: the module that got the copy
         self.answered = 0
         self.failures: list[str] = []  #: failures so far, each with its module
-        #: The final answer as things stand: "done" after a reply, until then the first failure.
-        #: None before both.
+        #: The final answer, if it were sent now: None at first, then the first failure, and "done"
+        #: as soon as a reply has come.
         self.end: tuple[Answer, bytes] | None = None
 
     @property

@@ -1,6 +1,6 @@
 """Messages on their way: modules, connections, message types, handlers and attachments.
 
-Knows nothing of tasks, time or sockets.
+This file has no rule of tasks, and uses no clock or socket.
 """
 
 from collections import deque
@@ -30,7 +30,7 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
-"""The number of newest tasks that a connection may name by the requests that sent the tasks."""
+"""The number of newest tasks that a connection may name by request number instead of id."""
 
 CONFIRMED_TOGETHER = 32
 """The number of unconfirmed tasks at which central sends their ids to the connection at once."""
@@ -159,7 +159,8 @@ class Slot(Asker):
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
         self.maybe_unstarted: Delivery | None = None
-        #: The time at which the next prefetched message began (0: the slot has not reported that).
+        #: The time at which, by its report, the slot began the message that it has prefetched next.
+        #: 0: it has not reported that.
         self.next_began_at = 0.0
         #: Central knows what the slot did until this time. Reported times count as no earlier.
         self.known_until = 0.0
@@ -470,7 +471,8 @@ class AttachedHandler(Stored):
 class Wiretap(Stored):
     """A wiretap: it sends its listener at an event, or before a moment of the tapped task.
 
-    Such a moment is held until the listener has ended the same interval.
+    A moment before which the listener is sent is held. A start is held until the listener has ended
+    the interval that this start begins.
     """
 
     __slots__ = (

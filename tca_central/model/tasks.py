@@ -87,8 +87,8 @@ class Ordered(Node):
         self.followers: list[tuple[int, Task, int, float]] | None = None
         #: The points that this task waits for: (this task's moment, leader's id, leader's moment)
         self.leaders: list[tuple[int, int, int]] | None = None
-        #: By waiter, oldest first: the moment of this task that the waiter waits for. Then a
-        #: connection is answered, a task is killed or a monitor is ended.
+        #: By waiter, oldest first: the moment of this task at which the waiter acts. It answers a
+        #: connection, kills a task or ends a monitor.
         self.waiters: dict[Stored, int] | None = None
 
 
@@ -312,8 +312,8 @@ class Tapping(Stored):
 
     def __init__(self) -> None:
         self.taps: list[Wiretap] = []  #: of this task alone, oldest first
-        #: By id, the wiretaps that have fired before a moment of the task: whether the listener had
-        #: a handler.
+        #: By id of a wiretap that has fired before a moment of the task: whether its listener had a
+        #: handler.
         self.fired: dict[int, bool] = {}
         #: Whether wiretaps are about to fire. The task reaches no moment before they have fired.
         self.is_firing = False

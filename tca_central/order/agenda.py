@@ -367,8 +367,8 @@ class Agenda(Stored):
         """Whether all conditions for the delivery of a task are met."""
         if task.suspended or (task.retry_pending and not task.may_be_handled_again):
             return False
-        # Before a first start, holds on the start of handling are counted on the moment below. A
-        # retried task has reached that moment: a wiretap's listener holds its start of handling.
+        # Before a first start, ``delivered_at`` stands for the start of handling, with its holds. A
+        # retried task is past that moment: a listener holds its start of handling directly.
         if task.held and is_held(task, START_HANDLING):
             return False
         if task.planning_delayed and not self._may_reach(task, START_ACHIEVING):

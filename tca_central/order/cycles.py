@@ -39,7 +39,7 @@ from tca_wire.points import (
     START_PLANNING,
 )
 
-_DRAWN = object()  #: means that ``Borders.draw`` has no more steps
+_COLLECTED = object()  #: means that ``SubtreesToEnter.collect`` has no more steps
 
 NEXT_HANDLING = (END_HANDLING, END_PLANNING)
 """The moments that stand for the next handling of a retried task.
@@ -72,8 +72,8 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     """Return the points from *start* to *goal*, both included; None if no path leads there."""
     if start == goal:
         return [start]
-    search, borders = PathSearch(tree, start, goal), Borders(start, goal)
-    drawing: Iterator[None] | None = None
+    search, to_enter = PathSearch(tree, start, goal), SubtreesToEnter(start, goal)
+    collecting: Iterator[None] | None = None
     for rounds in count():
         if search.step():
             return search.path
@@ -82,27 +82,27 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
                 return _path_up(start, goal)
             if start.moment == END_ACHIEVING and _is_descendant(goal.task, start.task):
                 return None  # the goal comes before the start: a path back would be a cycle already
-            drawing = borders.draw(tree)
-        if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
+            collecting = to_enter.collect(tree)
+        if collecting is not None and next(collecting, _COLLECTED) is _COLLECTED:
             break
-    search = PathSearch(tree, start, goal, borders)
+    search = PathSearch(tree, start, goal, to_enter)
     while not search.step():
         pass
     return search.path
 
 
 class PathSearch:
-    """A search from both ends. With *borders*, it skips subtrees that these do not open."""
+    """A search from both ends. With *to_enter*, it skips subtrees that these do not open."""
 
     def __init__(
-        self, tree: TaskTree, start: Place, goal: Place, borders: "Borders | None" = None
+        self, tree: TaskTree, start: Place, goal: Place, to_enter: "SubtreesToEnter | None" = None
     ) -> None:
         self.path: list[Place] | None = None
-        if borders is None:
+        if to_enter is None:
             self._ahead = _Side(start, lambda place, _: successors(place))
             self._behind = _Side(goal, lambda place, _: all_before(tree, place))
         else:
-            into_ahead, into_behind = borders.is_open_ahead, borders.is_open_behind
+            into_ahead, into_behind = to_enter.is_open_ahead, to_enter.is_open_behind
             self._ahead = _Side(
                 start, lambda place, met: successors(place, below=into_ahead(place, met))
             )
@@ -123,7 +123,7 @@ class PathSearch:
         return False
 
 
-class Borders:
+class SubtreesToEnter:
     """The tasks whose subtrees a search must enter.
 
     Such a subtree has a constraint across its border, or the other end of the search inside.
@@ -134,7 +134,7 @@ class Borders:
         self._ahead: set[Task] = set()  #: tasks whose subtrees the search from the start enters
         self._behind: set[Task] = set()  #: tasks whose subtrees the search from the goal enters
 
-    def draw(self, tree: TaskTree) -> Iterator[None]:
+    def collect(self, tree: TaskTree) -> Iterator[None]:
         """Find the tasks of both sets, one step per iteration."""
         self._ahead.update(_ancestors(self._goal.task))
         self._behind.update(_ancestors(self._start.task))
@@ -186,7 +186,7 @@ class Borders:
         task, moment = place
         if task in self._behind:
             return True
-        # From other moments, only paths through children lead back to the start of achieving.
+        # Only paths through children lead back to the start of achieving, except from its end.
         if moment in (END_ACHIEVING, ALL_ELSE) or not task.is_goal or task.planning_delayed:
             return False
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
@@ -269,7 +269,7 @@ def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
         elif at == moment:
             yield Place(follower, its_moment)
     yield from _relatives_after(task, moment, below=below)
-    yield from _watched_after(task, moment, below=below)
+    yield from _after_by_all_else(task, moment, below=below)
 
 
 Each = Callable[[Iterable[Any]], Iterable[Any]]
@@ -289,9 +289,9 @@ def predecessors(
         yield Place(task, preceding)
     if task.planning_delayed and moment == START_PLANNING:
         yield Place(task, START_ACHIEVING)
-    came_before = START_HANDLING if moment in NEXT_HANDLING else moment
+    as_constrained = START_HANDLING if moment in NEXT_HANDLING else moment
     for at, leader_id, its_moment in each(task.leaders or ()):
-        if at in (moment, came_before) and (leader := tree.tasks.get(leader_id)) is not None:
+        if at in (moment, as_constrained) and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)
     yield from _relatives_before(task, moment, each, below=below)
 
@@ -328,13 +328,13 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
 
 def all_before(tree: TaskTree, place: Place, *, below: bool = True) -> Iterator[Place]:
     """Yield the points that a point waits for, directly or through ``ALL_ELSE``."""
-    return chain(predecessors(tree, place, below=below), _watched_before(*place, below=below))
+    return chain(predecessors(tree, place, below=below), _before_by_all_else(*place, below=below))
 
 
-def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
-    """Yield the points after a moment on the way to the ends of background monitors.
+def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
+    """Yield the points that come after a moment only because of background monitors.
 
-    The way leads through ``ALL_ELSE`` of the monitors' parent.
+    These watch until all else has ended: the edges lead through ``ALL_ELSE`` of their parent.
     """
     if moment == START_ACHIEVING:
         yield from _all_else(task)
@@ -350,8 +350,8 @@ def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
                 yield from _all_else(monitor)  # a monitor is handled until it ends
 
 
-def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
-    """Yield the points before a moment on the way that ``_watched_after`` describes."""
+def _before_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
+    """Yield the points that come before a moment only because of background monitors."""
     if moment == ALL_ELSE:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()

@@ -243,7 +243,7 @@ class Dispatcher(Stored):
             resource.free_slot(slot)
         following = self.next_in(resource)
         if isinstance(following, Claim):
-            resource.grant(following)
+            resource.grant(following)  # in all copies of its program, which have the resource too
             self.granted.append(following)
             self.to_refill.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:

@@ -125,7 +125,7 @@ class Holds(Stored):
         if leader is None or is_met:
             return [self._delay(constraint, task, moment)]
         self._refuse_cycles(constraint, follower, leader)
-        if constraint.delay:  # name the moments that ``TimedOut`` will name after the delay
+        if constraint.delay:  # record the unified moments, which ``TimedOut`` will name too
             constraint = _constraint(*leader, task, moment, constraint.delay)
         self.hold(*leader, task, moment, constraint.delay)
         inherited = self.inherit(*leader, task, moment) if leader.task.killed else []
@@ -385,11 +385,11 @@ class Holds(Stored):
         frontier, seen = [(killed, moment_of_killed)], {origin}
         for task, moment in frontier:  # grows while it is walked
             up_to = RULES[task.message.is_goal].up_to[moment]
-            for its_own, leader_id, leader_moment in task.leaders or ():
+            for own_moment, leader_id, leader_moment in task.leaders or ():
                 leader, place = self.tree.tasks.get(leader_id), (leader_id, leader_moment)
-                if task.planning_delayed and its_own == START_ACHIEVING:
-                    its_own = START_PLANNING  # noqa: PLW2901 - the two are reached together
-                if leader is None or leader.reached & leader_moment or not up_to & its_own:
+                if task.planning_delayed and own_moment == START_ACHIEVING:
+                    own_moment = START_PLANNING  # noqa: PLW2901 - the two are reached together
+                if leader is None or leader.reached & leader_moment or not up_to & own_moment:
                     continue
                 if leader not in self.ending:
                     found[place] = leader

@@ -105,7 +105,7 @@ def first_prefetched(slot: Connection) -> Delivery | None:
 
 
 def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
-    """Whether a delivery may be prefetched: only its place in the queue decides its turn.
+    """Whether a delivery may be prefetched, because nothing but its place in the queue matters.
 
     False for tasks, for messages that central made, and for large messages. Also False for messages
     that may go to another resource, or have a pending limit or a wiretap on their delivery.

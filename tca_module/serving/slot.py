@@ -62,7 +62,7 @@ class Slot:
         self.callbacks = callbacks  #: the callbacks that the slot's thread calls
         self.ready = threading.Event()  #: set when the slot handles messages, or has an *error*
         self._serving = serving
-        #: names the slot's resource and the number of its connection
+        #: the greeting, which names the slot's resource and the number of its connection
         self.hello = hello
         self._connection: Connection  # set when the thread has opened it
         self._loop: EventLoop | None = None  #: created when first needed
@@ -193,8 +193,8 @@ class Slot:
     def _finish(self, handler: Handler, task: Task, answer: Answer) -> None:
         """Send the outcome of a handler to central, or register the reply that it owes."""
         if task.later is not None and not isinstance(answer, LaterReply):
-            # Other threads may have reported intermediate results. They must come before the
-            # failure.
+            # The handler promised a later reply, and failed. Intermediate results that other
+            # threads have reported must be sent before that failure.
             self._connection.run_requested_calls()
         task.handler_returned()
         if self.is_replaced:

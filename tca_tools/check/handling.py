@@ -16,7 +16,7 @@ from tca_wire.vocabulary import Outcome, Role
 
 
 def queued(world: JournalWorld, fact: facts.Queued) -> None:
-    """Apply that a message waits for a resource or a handler."""
+    """Record that a message waits for a resource or a handler."""
     item = _check_moved(world, fact, "was queued")
     if item is None:
         return
@@ -44,7 +44,7 @@ def _check_moved(
 
 
 def unqueued(world: JournalWorld, item: MessageRecord, _: facts.Unqueued) -> None:
-    """Apply that a message leaves its queue without a delivery."""
+    """Record that a message leaves its queue without a delivery."""
     if item.waits_at is None:
         if item.place is None and not item.is_incomplete:
             world.report(rules.QUEUED, item, "left a queue, but was in none")
@@ -170,7 +170,10 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
 
 
 def _known(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
-    """Return the message with a number; None for the new number of a copy that was never queued."""
+    """Return the message with a number; None if the number is new.
+
+    Central gives a copy a new number when the copy fails without ever being queued.
+    """
     if world.first and number > world.newest:
         world.record_number(number)
         return None
@@ -182,7 +185,7 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
     item = _known(world, fact.id, "failed")
     if item is None:
         return
-    if not fact.is_beside:
+    if not fact.is_beside:  # the task's own handler has raised it
         if item.place is not None:  # its module was lost, so its handler does not return
             _leave_lost_handler(world, item, f"failed ({fact.failure})")
         elif item.is_task and not _may_fail(world, item, fact.failure):
@@ -208,7 +211,7 @@ def _may_fail(world: JournalWorld, task: MessageRecord, failure: str) -> bool:
 
 
 def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
-    """Apply that a message is dropped, since no module handles it or its sender gave up."""
+    """Record that a message is dropped, since no module handles it or its sender gave up."""
     over = world.over.get(fact.id)
     if over is not None and over.message_class.keeps_value:
         world.over[fact.id] = over._replace(body=b"")  # its value is forgotten
@@ -231,7 +234,7 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
 
 
 def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> None:
-    """Apply that the sender of a query got its answer."""
+    """Record that the sender of a query got its answer."""
     if item.is_answered:
         world.report(rules.ANSWERED, item, "was answered a second time")
     if item.is_dropped:
@@ -243,7 +246,7 @@ def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> Non
 
 
 def awaited(world: JournalWorld, item: MessageRecord, _: facts.Awaited) -> None:
-    """Apply that the sender of a query waits; the answer must be pending."""
+    """Record that the sender of a query waits; the answer must be pending."""
     _check_open(world, item, "was waited for")
 
 

@@ -200,6 +200,7 @@ def _accepts_form(sent: Any, wanted: Any) -> bool:
     wanted_format, sent_format = wanted.get("format"), sent.get("format")
     if wanted_format is None:
         return sent_format is None or sent_format in TEXT_FORMATS
+    # "any-" accepts times with and without a zone, "partial-" has none (schemas.py).
     with_zone = wanted_format.removeprefix("any-")
     is_time = with_zone != wanted_format and sent_format in (with_zone, f"partial-{with_zone}")
     return bool(wanted_format == sent_format or is_time)

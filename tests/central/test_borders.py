@@ -1,6 +1,6 @@
 """The search for cycles skips the descendants of most tasks, and still finds every path.
 
-Borders are the tasks whose subtrees a search must enter.
+SubtreesToEnter are the tasks whose subtrees a search must enter.
 """
 
 import random
@@ -22,7 +22,7 @@ from tca_central.model.intervals import unified
 from tca_central.model.task_tree import TaskTree
 from tca_central.model.tasks import Task
 from tca_central.order import cycles
-from tca_central.order.cycles import Borders, PathSearch, Place, find_path, successors
+from tca_central.order.cycles import PathSearch, Place, SubtreesToEnter, find_path, successors
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import RequestRefused
 from tca_wire.packets import headers
@@ -119,8 +119,8 @@ def path_of(search: PathSearch) -> list[Place] | None:
 
 
 def pruned(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
-    borders = Borders(start, goal)
-    for _ in borders.draw(tree):
+    borders = SubtreesToEnter(start, goal)
+    for _ in borders.collect(tree):
         pass
     return checked(path_of(PathSearch(tree, start, goal, borders)), start, goal)
 
@@ -189,7 +189,7 @@ class CountedSearch:
         player.module("planner", "goal walk", capacity=4)
         player.module("user")
         player.declare("user", "goal walk", "command move")
-        for kind, name in ((PathSearch, "step"), (Borders, "draw")):
+        for kind, name in ((PathSearch, "step"), (SubtreesToEnter, "collect")):
             self._count(monkeypatch, kind, name)
 
     def _count(self, monkeypatch: pytest.MonkeyPatch, kind: type, name: str) -> None:
@@ -199,7 +199,7 @@ class CountedSearch:
             self.steps += 1
             return bool(original(search))
 
-        def draw(borders: Borders, tree: TaskTree) -> Iterator[None]:
+        def draw(borders: SubtreesToEnter, tree: TaskTree) -> Iterator[None]:
             for _ in original(borders, tree):
                 self.steps += 1
                 yield

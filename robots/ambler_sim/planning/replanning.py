@@ -56,7 +56,10 @@ CLEAR_OF_FOOT = 0.05
 """The distance (m) from a foot to the obstacle that it met. The foot may move on from there."""
 
 RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
-"""How far from its shaft (m) a leg may swing, the usual way (None) first, clear of other legs."""
+"""The radii (m) around its shaft at which a leg may swing clear of other legs.
+
+None is the usual way, and is tried first.
+"""
 
 IN_PLACE = 0.15
 """A foot at most this far (m) from its place is not moved."""

@@ -50,8 +50,8 @@ class Present:
     current: int
     """The current state of the machine. Its activity is not part of ``work``."""
     facts: Mapping[str, Fact]
-    """The facts of the robot now, including the changes by early work. A fact that running work
-    makes is absent.
+    """The facts now, including the changes by early work: facts of the robot, not of the journal. A
+    fact that running work makes is absent.
     """
     situation: Situation
     """The situation as a machine without a preview would see it."""
@@ -86,7 +86,9 @@ class LookAhead(NamedTuple):
     policy: Policy
     limits: PreviewLimits
     needed: Mapping[int, Mapping[str, int]]
-    """The result of ``needed_later``."""
+    """By state: the facts that a branch after it may need unchanged, with the first state of that
+    branch (``needed_later`` in branches.py).
+    """
     mistakes: Mistakes = Mistakes()
     """Receives the errors of functions that only a preview calls."""
 
@@ -317,10 +319,11 @@ class _DecisionMaker:
             return objection
         if not activity.undo and (fact := first_harmed_fact(activity, self.needed)):
             return Objection(state, Reason.BRANCH, fact, self.needed[fact])
-        uncertain = next((fact for fact in activity.makes if fact in self.uncertain), None)
-        spoilt = self.uncertain & self.needed.keys()
-        if uncertain and spoilt:  # to undo the spoilt facts would undo this result, too
-            return Objection(state, Reason.BRANCH, uncertain, self.needed[min(spoilt)])
+        uncertain_result = next((fact for fact in activity.makes if fact in self.uncertain), None)
+        uncertain_needs = self.uncertain & self.needed.keys()
+        if uncertain_result and uncertain_needs:  # to undo the needs would undo this result, too
+            branch = self.needed[min(uncertain_needs)]
+            return Objection(state, Reason.BRANCH, uncertain_result, branch)
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
