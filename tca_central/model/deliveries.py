@@ -159,8 +159,7 @@ class Slot(Asker):
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
         self.maybe_unstarted: Delivery | None = None
-        #: The time at which, by its report, the slot began the message that it has prefetched next.
-        #: 0: it has not reported that.
+        #: When it began the message that it has prefetched next, by its report (0: not reported).
         self.next_began_at = 0.0
         #: Central knows what the slot did until this time. Reported times count as no earlier.
         self.known_until = 0.0
@@ -471,8 +470,7 @@ class AttachedHandler(Stored):
 class Wiretap(Stored):
     """A wiretap: it sends its listener at an event, or before a moment of the tapped task.
 
-    A moment before which the listener is sent is held. A start is held until the listener has ended
-    the interval that this start begins.
+    It holds such a moment. A start is held until the listener ends the interval that it begins.
     """
 
     __slots__ = (
