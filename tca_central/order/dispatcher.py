@@ -19,7 +19,7 @@ from tca_central.model.deliveries import (
     ModuleClaim,
     ModuleResource,
 )
-from tca_central.model.resources import Claim, PendingLimit, Resource
+from tca_central.model.resources import Claim, PendingLimit, Resource, rank
 from tca_central.model.stored import Stored
 from tca_central.order.prefetching import (
     DispatchOutput,
@@ -172,7 +172,7 @@ class Dispatcher(Stored):
                 self._arrive(delivery)
             unassigned = [
                 delivery
-                for delivery in sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
+                for delivery in sorted(deliveries, key=rank)
                 if not self._assign_free_slot(delivery, delivery.message.candidates)
             ]
             deliveries = sorted(unassigned, key=attrgetter("arrival"))

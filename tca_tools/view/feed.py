@@ -220,7 +220,9 @@ class Feed:
         if (known := self._states.get(task.id, 0)) == 0:
             self._names.setdefault(task.name)
             kind = task.message_class
-            form = "monitor" if kind.is_monitor else "goal" if kind.is_goal else ""
+            form = "goal" if kind.is_goal else ""
+            if kind.is_monitor:
+                form = "monitor"
             sent = task.sender, task.role, form, task.received
             self._add("task", task.id, task.parent, task.name, *sent)
         is_monitor = task.message_class.is_monitor
