@@ -140,7 +140,7 @@ def _check_constraints(central: State) -> None:
     leaders: dict[int, set[tuple[int, int, int]]] = defaultdict(set)
     for task in tree.tasks.values():
         for moment, follower, its_moment, _ in task.followers or ():
-            is_known = follower.parent is task.parent or task in tree.across
+            is_known = follower.parent is task.parent or task in tree.crossing_leaders
             assert is_known, f"{task}: an unregistered follower outside its siblings: {follower}"
             assert not task.reached & moment, (
                 f"{task}: {follower} still waits for a moment that is reached"
@@ -155,7 +155,7 @@ def _check_constraints(central: State) -> None:
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders[task.id], (
             f"{task}: leaders"
         )
-    assert all(tree.tasks.get(one.id) is one for one in tree.across), (
+    assert all(tree.tasks.get(one.id) is one for one in tree.crossing_leaders), (
         "an edge begins at a task that has ended"
     )
     assert all(one.followers for one in central.agenda.holds.ended_followers), (
@@ -450,7 +450,7 @@ def _check_connections(central: State) -> None:
 
 def _check_retained(central: State) -> None:
     """Check that records are of ended tasks under existing parents, for connected modules."""
-    tree, kept, modules = central.tree, central.memory.kept, central.registry.modules.values()
+    tree, kept, modules = central.tree, central.memory.records, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
         assert record.id not in tree.tasks, f"record {record.id}: its task lives"
@@ -465,7 +465,7 @@ def _check_retained(central: State) -> None:
         assert record.retention.by.keys() <= {*modules}, (
             f"record {record.id}: retained by a removed module"
         )
-    promises = [(module, number) for module in modules for number in module.keeps]
+    promises = [(module, number) for module in modules for number in module.retained]
     for module, number in promises:
         assert module in Retention.of(kept.get(number) or tree.tasks[number]).by, (
             f"'{module.name}' keeps {number}, which does not know it"
@@ -473,7 +473,7 @@ def _check_retained(central: State) -> None:
     assert central.memory.promises == len(promises), (
         f"{central.memory.promises} promises, counted {len(promises)}"
     )
-    assert central.memory.kept_bytes == sum(record.size for record in kept.values()), (
+    assert central.memory.record_bytes == sum(record.size for record in kept.values()), (
         "size of the records"
     )
 

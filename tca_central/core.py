@@ -331,7 +331,7 @@ class Central(State):
                 agenda.advance_all()
             if any(self._output_queues):
                 self._handle_outputs()
-            elif dispatcher.changed:
+            elif dispatcher.serving_before:
                 availability.publish_changes(self)
             elif agenda.startable:
                 self._start_all()

@@ -1,5 +1,6 @@
 """Periodic tasks, missions written in Python, and state machines of tasks."""
 
+from tca_behaviours.missions.client.base_mission import BaseMission as BaseMission
 from tca_behaviours.missions.client.conditions import ConditionIsCompleted as ConditionIsCompleted
 from tca_behaviours.missions.client.conditions import ConditionVerified as ConditionVerified
 from tca_behaviours.missions.client.conditions import MissionCondition as MissionCondition
@@ -8,7 +9,6 @@ from tca_behaviours.missions.client.errors import MissionTaskFailed as MissionTa
 from tca_behaviours.missions.client.errors import NotOffered as NotOffered
 from tca_behaviours.missions.client.errors import StepUncertain as StepUncertain
 from tca_behaviours.missions.client.errors import UnknownTask as UnknownTask
-from tca_behaviours.missions.client.mission import BaseMission as BaseMission
 from tca_behaviours.missions.client.mission import Mission as Mission
 from tca_behaviours.missions.client.task_handle import TaskHandle as TaskHandle
 from tca_behaviours.missions.outcomes import MISSION_TASK_FAILED as MISSION_TASK_FAILED

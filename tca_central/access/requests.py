@@ -105,7 +105,7 @@ def _check_see(central: State, connection: Connection, number: TaskId) -> None:
             raise forbidden(connection, f"see {task}, which is not its own")
         return
     owner = central.registry.permissions.outcome_owners.get(number)
-    record = central.memory.kept.get(number)
+    record = central.memory.records.get(number)
     if (
         owner == connection.principal
         or (owner is None and record is None)

@@ -23,7 +23,7 @@ MOST_RETAINED = 10_000
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
     """Retain a task for a module from now on, or release the task. A second release is allowed."""
-    task = central.tree.task(header.task) or central.memory.kept.get(header.task)
+    task = central.tree.task(header.task) or central.memory.records.get(header.task)
     if header.release:
         release(central, header.task, connection.module)
     elif task is None:
@@ -44,23 +44,23 @@ def check_retained_room(central: State) -> None:
 
 def keep(central: State, task: Task | TaskRecord, module: Module) -> None:
     """Retain a task, or its record, for a module, unless the module retains it already."""
-    if task.id in module.keeps:
+    if task.id in module.retained:
         return
     check_retained_room(central)
     Retention.of(task).by[module] = None
-    module.keeps[task.id] = None
+    module.retained[task.id] = None
     central.memory.promises += 1
     central.facts.append(facts.Kept(task.id, module.name))
 
 
 def release(central: State, task_id: int, module: Module) -> None:
     """Release a task for a module, if the module retains it."""
-    if task_id not in module.keeps:
+    if task_id not in module.retained:
         return
-    del module.keeps[task_id]
+    del module.retained[task_id]
     central.memory.promises -= 1
     central.facts.append(facts.Released(TaskId(task_id), module.name))
-    record = central.memory.kept.get(task_id)
+    record = central.memory.records.get(task_id)
     keeping = Retention.of(record or central.tree.tasks[task_id])
     del keeping.by[module]
     if record is not None and not keeping.by:
@@ -69,7 +69,7 @@ def release(central: State, task_id: int, module: Module) -> None:
 
 def release_all(central: State, module: Module) -> None:
     """Release all tasks of a module that has left."""
-    for task_id in list(module.keeps):
+    for task_id in list(module.retained):
         release(central, task_id, module)
 
 
@@ -81,10 +81,10 @@ def retain_or_drop(central: State, task: Task, keeping: Retention) -> None:
         return
     record = TaskRecord(task, central.outcome(task), keeping)
     record.siblings[record.id] = record
-    central.memory.kept[record.id] = record
-    central.memory.kept_bytes += record.size
-    while central.memory.kept_bytes > central.budget.kept:  # drops the oldest first
-        _drop(central, next(iter(central.memory.kept.values())))
+    central.memory.records[record.id] = record
+    central.memory.record_bytes += record.size
+    while central.memory.record_bytes > central.budget.records:  # drops the oldest first
+        _drop(central, next(iter(central.memory.records.values())))
 
 
 def _drop(central: State, record: TaskRecord) -> None:
@@ -94,9 +94,9 @@ def _drop(central: State, record: TaskRecord) -> None:
     while forgotten:
         dropped = forgotten.pop()
         forgotten.extend(dropped.retention.records.values())
-        del central.memory.kept[dropped.id]
-        central.memory.kept_bytes -= dropped.size
+        del central.memory.records[dropped.id]
+        central.memory.record_bytes -= dropped.size
         for module in dropped.retention.by:
-            del module.keeps[dropped.id]
+            del module.retained[dropped.id]
             central.memory.promises -= 1
         central.facts.append(facts.Released(dropped.id, ""))

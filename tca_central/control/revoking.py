@@ -31,7 +31,7 @@ def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, 
         _raise_loss(central, task, failure, f"'{claim.resource.name}' was taken from it: {text}")
 
 
-def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
+def fail_for_lost_locks(central: State, slot: Connection, task: Task) -> None:
     """Fail a task whose handler returned without noticing the loss of a lock."""
     if text := pop_losses(slot, task):
         _raise_loss(central, task, LOCK_LOST, text)

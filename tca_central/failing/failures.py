@@ -549,7 +549,7 @@ def retry_task(
         if asking is not None and asking not in Recovery.of(task).retry_requesters:
             Recovery.of(task).retry_requesters[asking] = None
             trouble_of(asking).retried.append(task)
-            central.tree.across[asking] = None
+            central.tree.crossing_leaders[asking] = None
         if task.slot is not None:
             central.cancel(task.slot, task)
         central.agenda.retry(task)

@@ -82,7 +82,7 @@ def _living(central: State, observation: Observation) -> list[Task]:
 def _answer_ended(central: State, connection: Connection, header: Observe) -> None:
     """Answer the observer of an ended task: send the outcome as the only change."""
     result, failure, text, body = central.memory.known_outcome(header.task)
-    kept = central.memory.kept.get(header.task)
+    kept = central.memory.records.get(header.task)
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
     message = central.registry.messages.get(name)
     cycle = message.life_cycle if message is not None else GENERAL

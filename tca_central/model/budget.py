@@ -40,9 +40,9 @@ class Budget(Stored):
         "awaited",
         "collected",
         "declared",
-        "kept",
         "messages",
         "outcomes",
+        "records",
         "refused",
         "tap_depth",
         "task_depth",
@@ -65,6 +65,6 @@ class Budget(Stored):
         self.declared = total // 16  #: declarations, attachments, claims, waits and timers
         self.answers = total // 8  #: stored answers
         self.outcomes = total // 16  #: failures and results of ended tasks
-        self.kept = total // 16  #: records of ended tasks that modules retain
+        self.records = total // 16  #: records of ended tasks that modules retain
         self.variables = total // 16  #: values of variables
         self.unread = total // 8  #: messages sent and not read yet

@@ -64,7 +64,7 @@ class ConnectionIdentity(Stored):
 
     __slots__ = (
         "id",
-        "late",
+        "late_answers",
         "module",
         "number",
         "orphans",
@@ -89,7 +89,7 @@ class ConnectionIdentity(Stored):
         self.repeats_until = 0
         self.orphans: list[int] = []  #: deliveries that it had when it was lost, to be cancelled
         #: By orphan whose handler may still answer: the text with which the answer is refused.
-        self.late: dict[int, str] = {}
+        self.late_answers: dict[int, str] = {}
 
 
 class Asker(ConnectionIdentity):
@@ -207,11 +207,11 @@ class Module(Stored):
         "handlers",
         "incarnation",
         "is_ready",
-        "keeps",
         "name",
         "principal",
         "process",
         "resources",
+        "retained",
     )
 
     def __init__(
@@ -227,7 +227,7 @@ class Module(Stored):
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
         self.is_ready = False  #: whether it has made the attachments of its start
-        self.keeps: dict[int, None] = {}  #: ids of tasks, living or ended, that it wants retained
+        self.retained: dict[int, None] = {}  #: ids of tasks, living or ended, to retain for it
 
     @property
     def holder(self) -> "Holder":

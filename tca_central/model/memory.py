@@ -14,7 +14,7 @@ _DONE = Outcome.DONE, "", "", b""
 class Memory(Stored):
     """The outcomes and records of ended tasks, within bounds."""
 
-    __slots__ = ("forgotten", "kept", "kept_bytes", "outcome_bytes", "outcomes", "promises")
+    __slots__ = ("forgotten", "outcome_bytes", "outcomes", "promises", "record_bytes", "records")
 
     def __init__(self) -> None:
         #: By task id, oldest first: all outcomes but "done" without a result.
@@ -22,8 +22,8 @@ class Memory(Stored):
         self.outcome_bytes = 0  #: bytes of all outcomes
         self.forgotten = 0  #: the highest id of a task whose outcome was forgotten
         #: By task id, oldest first: records that modules retain.
-        self.kept: dict[int, TaskRecord] = {}
-        self.kept_bytes = 0  #: bytes of all records
+        self.records: dict[int, TaskRecord] = {}
+        self.record_bytes = 0  #: bytes of all records
         #: Number of tasks, living or ended, that modules retain. A task that two modules retain
         #: counts twice.
         self.promises = 0
@@ -33,7 +33,7 @@ class Memory(Stored):
 
         A task without an entry was done without a result, if its id is above ``forgotten``.
         """
-        if (record := self.kept.get(task_id)) is not None:
+        if (record := self.records.get(task_id)) is not None:
             return record.outcome
         if task_id <= self.forgotten and task_id not in self.outcomes:
             return None

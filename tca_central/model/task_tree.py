@@ -19,8 +19,8 @@ class TaskTree(Stored):
     """All live tasks by id, under a root that is always being achieved."""
 
     __slots__ = (
-        "across",
         "bytes",
+        "crossing_leaders",
         "last_of_module",
         "never_began",
         "newest",
@@ -42,7 +42,7 @@ class TaskTree(Stored):
         suspended.
         """
         #: Tasks from which constraints lead to tasks that are not siblings (cycles.py)
-        self.across: dict[Task, None] = {}
+        self.crossing_leaders: dict[Task, None] = {}
         #: By killed task whose outcome is stored: the starts that it never reached.
         self.never_began: dict[int, int] = {}
         self.newest = 0  #: the highest id so far
@@ -146,8 +146,8 @@ class TaskTree(Stored):
         self.bytes -= task.size
         if self.suspended:
             self.suspended.pop(task.id, None)
-        if self.across:
-            self.across.pop(task, None)
+        if self.crossing_leaders:
+            self.crossing_leaders.pop(task, None)
         parent = task.parent
         if parent is None or parent.children is None:
             return

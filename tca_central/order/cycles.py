@@ -13,7 +13,7 @@ a hundred monitors would make a hundred thousand edges. The graph of needs (need
 
 Large subtrees are skipped. A path leaves a subtree only at the ends of the subtree's top task, or
 along a constraint between tasks that are not siblings. Such constraints are rare.
-``TaskTree.across`` lists the tasks where such constraints start. After ``EASY_ROUNDS`` rounds, the
+``TaskTree.crossing_leaders`` lists the tasks where they start. After ``EASY_ROUNDS`` rounds, the
 search also collects the subtrees that these constraints leave or enter, step by step. When all
 are collected, the search starts again and enters only those subtrees. The total cost is at most a
 few times that of a full search. Between two goals of 1,000 subtasks each, this search takes 0.16 ms
@@ -138,7 +138,7 @@ class SubtreesToEnter:
         """Find the tasks of both sets, one step per iteration."""
         self._ahead.update(_ancestors(self._goal.task))
         self._behind.update(_ancestors(self._start.task))
-        for task in tree.across:
+        for task in tree.crossing_leaders:
             yield
             for _, follower, _, _ in task.followers or ():
                 yield

@@ -57,12 +57,12 @@ class Dispatcher(Stored):
         "_suspects",
         "are_tasks_paused",
         "bytes",
-        "changed",
         "displaced",
         "granted",
         "handler_count",
         "prefetcher",
         "running",
+        "serving_before",
         "stranded",
         "to_refill",
         "waiting_for_custom_handler",
@@ -79,7 +79,7 @@ class Dispatcher(Stored):
         self.bytes = 0  #: bytes of all deliveries that are not tasks
         self.handler_count = 0  #: number of handlers of all messages
         #: By message whose number of serving handlers has changed: the number before.
-        self.changed: dict[MessageType, int] = {}
+        self.serving_before: dict[MessageType, int] = {}
         self.to_refill: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may admit a message or claim, each with the slot that became free or None.
 
@@ -467,7 +467,7 @@ class Dispatcher(Stored):
 
     def _change_serving(self, message: MessageType, change: int) -> None:
         """Adjust a message's number of serving handlers: those whose resource has a slot."""
-        self.changed.setdefault(message, message.serving)
+        self.serving_before.setdefault(message, message.serving)
         message.serving += change
 
     def add_handler(self, handler: Handler) -> None:

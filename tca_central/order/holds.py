@@ -166,7 +166,7 @@ class Holds(Stored):
         leader.followers.append((leader_moment, task, moment, delay))
         self.edge_count += 1
         if leader.parent is not task.parent:
-            self.tree.across[leader] = None
+            self.tree.crossing_leaders[leader] = None
         if task.leaders is None:
             task.leaders = []
         task.leaders.append((moment, leader.id, leader_moment))

@@ -115,7 +115,7 @@ def _used(central: State) -> Iterator[MessageType]:
         )
     for task in central.tree.tasks.values():
         yield from _used_by(task)
-    yield from (record.message for record in central.memory.kept.values())
+    yield from (record.message for record in central.memory.records.values())
     yield from (attached.handler for attached in central.attached.values())
     yield from (tap.listener for tap in central.taps.values())
 

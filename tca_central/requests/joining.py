@@ -189,7 +189,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     if lost := central.registry.lost.pop(connection.session, None):
         central.answers.transfer(lost, connection)
         connection.last_number, connection.tasks = lost.last_number, lost.tasks
-        connection.orphans, connection.late = lost.orphans, lost.late
+        connection.orphans, connection.late_answers = lost.orphans, lost.late_answers
         connection.lost_claims = lost.lost_claims
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
@@ -296,11 +296,11 @@ def _remember_orphan(connection: Connection, delivery: Delivery, why: str) -> No
     """Remember a delivery of a lost connection, which may answer it after a reconnect."""
     name = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.handling_id)
-    connection.late[delivery.handling_id] = (
+    connection.late_answers[delivery.handling_id] = (
         f"the answer of {name} came too late: the module had been lost ({why})"
     )
-    if len(connection.late) > MOST_LATE:
-        del connection.late[next(iter(connection.late))]
+    if len(connection.late_answers) > MOST_LATE:
+        del connection.late_answers[next(iter(connection.late_answers))]
 
 
 def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> None:

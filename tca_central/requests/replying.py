@@ -1,7 +1,7 @@
 """Completes deliveries whose handlers return or fail: advances tasks, and answers senders."""
 
 from tca_central.control.monitors import on_condition_answered
-from tca_central.control.revoking import warn_of_losses
+from tca_central.control.revoking import fail_for_lost_locks
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, failure_of, kill, reissue
 from tca_central.locks.claims import end_claims_of, pop_losses, suspect_kept_claims
@@ -37,7 +37,7 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
         delivery = central.dispatcher.begin_prefetched(connection, delivery_id)
     if delivery is not None and delivery.slot is connection:
         return delivery
-    if late := connection.late.pop(delivery_id, ""):
+    if late := connection.late_answers.pop(delivery_id, ""):
         central.facts.append(facts.Ignored(connection.module.name, late))
         central.notify(connection, headers.Refused(0, Refusal.TOO_LATE, late))
         return None
@@ -125,7 +125,7 @@ def _complete(
         delivery.result = result
         central.agenda.mark_returned(delivery)
         suspect_kept_claims(central, delivery)
-        warn_of_losses(central, connection, delivery)
+        fail_for_lost_locks(central, connection, delivery)
     pop_losses(connection, delivery)
 
 

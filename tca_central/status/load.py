@@ -78,7 +78,7 @@ def _memory(central: State) -> dict[str, tuple[int, int]]:
         "declarations and waits": (central.declared_bytes, budget.declared),
         "answers": (central.answers.bytes, budget.answers),
         "outcomes": (central.memory.outcome_bytes, budget.outcomes),
-        "kept tasks": (central.memory.kept_bytes, budget.kept),
+        "kept tasks": (central.memory.record_bytes, budget.records),
         "variables": (central.variables.bytes, budget.variables),
     }
 

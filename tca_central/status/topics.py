@@ -40,7 +40,7 @@ def overview(central: State) -> dict[str, Any]:
         "messages": len(registry.messages),
         "variables": len(central.variables.values),
         "tasks": len(central.tree.tasks),
-        "kept tasks": len(central.memory.kept),
+        "kept tasks": len(central.memory.records),
         "exception handlers": len(central.attached),
         "wiretaps": len(central.taps),
         "being handled": len(central.dispatcher.running),
@@ -331,7 +331,7 @@ def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes
 def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
     """Answer a module's question about a task and its relatives."""
     living = central.tree.root if header.task == ROOT else central.tree.task(header.task)
-    task = living or central.memory.kept.get(header.task)
+    task = living or central.memory.records.get(header.task)
     found = relatives(central, task, header.relation, header.message)
     what = f"the {header.relation} of task {header.task}"
     _answer(central, connection, header.number, found, what)

@@ -206,7 +206,8 @@ def _has_happened(condition: Condition, task: Task) -> bool:
 
 def _stand_in(central: State, header: headers.Tap) -> Task | None:
     """Return a stand-in for a task that has ended; None if central knows too little about it."""
-    outcome, record = central.memory.outcome_of(header.task), central.memory.kept.get(header.task)
+    memory = central.memory
+    outcome, record = memory.outcome_of(header.task), memory.records.get(header.task)
     message = record.message if record is not None else central.registry.messages.get(header.of)
     if outcome is None or message is None or not message.message_class.is_task:
         return None
@@ -223,7 +224,7 @@ def _call_for_ended(
 
     Return the tap's id.
     """
-    if listener.format.data != NO_DATA and task.id not in central.memory.kept:
+    if listener.format.data != NO_DATA and task.id not in central.memory.records:
         advice = (
             "send the task with keep=True, or tap it with a listener that is declared without data"
         )

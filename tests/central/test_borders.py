@@ -275,10 +275,10 @@ def test_killed_task_leaves_the_index_of_cross_tree_constraints(counted: Counted
     inner = counted.player.task("user", "move", under=goal, origin=0)
     counted.player.task("user", "move", constraints=(before(point(inner, END), point(-1, START)),))
     tree = counted.player.central.tree
-    across: list[Task] = list(tree.across)
-    assert [one.id for one in across] == [inner]
+    crossing: list[Task] = list(tree.crossing_leaders)
+    assert [one.id for one in crossing] == [inner]
     counted.player.request("user", headers.Kill, TaskId(inner))
-    assert not tree.across
+    assert not tree.crossing_leaders
 
 
 # --- handlers that wait for a goal with thousands of subtasks: the work of one event is bounded ---

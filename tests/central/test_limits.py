@@ -238,13 +238,13 @@ def test_retained_tasks_are_limited_in_number_and_bytes(
     assert "release some first" in refused.text
     for _ in range(2):
         player.reply("legs/1", value="x" * 100)
-    assert list(player.central.memory.kept) == [1, 2]
-    player.central.budget.kept = 150
+    assert list(player.central.memory.records) == [1, 2]
+    player.central.budget.records = 150
     player.reply("legs/1", value="x" * 100)
-    assert list(player.central.memory.kept) == [3]
+    assert list(player.central.memory.records) == [3]
     player.task("user", "move", keep=True)
     player.reply("legs/1")
-    assert list(player.central.memory.kept) == [3, 4]
+    assert list(player.central.memory.records) == [3, 4]
 
 
 def test_deep_retained_tree_is_released_without_recursion() -> None:
@@ -254,10 +254,10 @@ def test_deep_retained_tree_is_released_without_recursion() -> None:
         parent = player.task("user", "walk", under=parent, flags=Flags.NONE, keep=True)
     while player.central.dispatcher.running:
         player.reply("planner/1")
-    assert len(player.central.memory.kept) == depth
+    assert len(player.central.memory.records) == depth
     check_invariants(player.central)
     player.request("user", headers.Keep, TaskId(1), release=True)
-    assert not player.central.memory.kept
+    assert not player.central.memory.records
     check_invariants(player.central)
 
 

@@ -136,15 +136,15 @@ def _check_reached_moments(life: Life) -> None:
 
 def _check_retained_tasks(life: Life) -> None:
     """Check that retained tasks report their outcomes, and are forgotten after the last release."""
-    for record in life.central.memory.kept.values():
+    for record in life.central.memory.records.values():
         life.request(headers.AwaitPoint, point(TaskId(record.id), Moment.END_ACHIEVING))
         answer, _ = life.player.inbox["user"][-1]
         assert answer.outcome is record.outcome[0]
     for connection in life.connections():
         life.player.lose(connection)
-    assert not life.central.memory.kept
+    assert not life.central.memory.records
     assert not life.central.memory.promises
-    assert not life.central.memory.kept_bytes
+    assert not life.central.memory.record_bytes
 
 
 def _check_variable_handlers(life: Life) -> None:

@@ -8,7 +8,7 @@ import pytest
 from missions.rover import rover
 
 from tca_behaviours.missions import Mission
-from tca_behaviours.missions.client import mission as client
+from tca_behaviours.missions.client import base_mission as client
 from tca_behaviours.missions.client.interrupts import delay_interrupt
 
 

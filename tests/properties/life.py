@@ -337,7 +337,7 @@ class Life:
         task, condition = self.task(d) or TaskId(0), conditions[a % len(conditions)]
         at_once, ended = (
             not message and a % 5 < 3,
-            [*self.central.memory.outcomes, *self.central.memory.kept],
+            [*self.central.memory.outcomes, *self.central.memory.records],
         )
         if at_once and ended and c % 4 == 0:
             task = TaskId(ended[b % len(ended)])
@@ -422,7 +422,7 @@ class Life:
 
     def keep_(self, a: int, b: int, *_: int) -> None:
         """Let a module retain a living task, or an ended one that central still retains."""
-        tasks, names = [*self.central.tree.tasks, *self.central.memory.kept], self.connections()
+        tasks, names = [*self.central.tree.tasks, *self.central.memory.records], self.connections()
         if tasks:
             name = names[b % len(names)]
             self.player.request(name, headers.Keep, TaskId(tasks[a % len(tasks)]))
@@ -431,7 +431,7 @@ class Life:
         names = self.connections()
         name = names[b % len(names)]
         keeps = list(
-            self.central.registry.connections[ConnectionId(name.encode())].module.keeps
+            self.central.registry.connections[ConnectionId(name.encode())].module.retained
         ) or [TaskId(1)]
         self.player.request(name, headers.Keep, TaskId(keeps[a % len(keeps)]), release=True)
 

@@ -55,9 +55,9 @@ def test_central_does_not_grow_in_a_month_of_dying_modules() -> None:
     for seed, events in enumerate((FIRST, MONTH)):
         life.go_on(seed, events)
         end_everything(life)
-        for task in [*life.central.registry.connections[ConnectionId(b"user")].module.keeps]:
+        for task in [*life.central.registry.connections[ConnectionId(b"user")].module.retained]:
             life.request(headers.Keep, TaskId(task), release=True)
-        assert not life.central.memory.kept
+        assert not life.central.memory.records
         assert len(life.central.memory.outcomes) == REMEMBERED_OUTCOMES
         assert len(life.central.registry.lost) == REMEMBERED_CONNECTIONS
         sizes.append(size_of(life.central))

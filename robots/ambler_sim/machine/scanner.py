@@ -40,8 +40,8 @@ def scan(
     distances = cast(origin, directions, RANGE)
     distances = distances + np.random.default_rng(seed).normal(0.0, NOISE, len(distances))
     hit = np.isfinite(distances)
-    late = np.repeat(np.linspace(0.0, SWEEP, ROWS), COLUMNS)[hit, None]
-    points: Array = origin + distances[hit, None] * directions[hit] - late * velocity
+    seconds_into_sweep = np.repeat(np.linspace(0.0, SWEEP, ROWS), COLUMNS)[hit, None]
+    points: Array = origin + distances[hit, None] * directions[hit] - seconds_into_sweep * velocity
     return points
 
 

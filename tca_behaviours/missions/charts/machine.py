@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 from tca_behaviours.missions.charts.running import run_as_task
 from tca_behaviours.missions.charts.soundness import endings_of
 from tca_behaviours.missions.charts.states import MachineState
-from tca_behaviours.missions.client.mission import BaseMission
+from tca_behaviours.missions.client.base_mission import BaseMission
 from tca_behaviours.missions.outcomes import TaskEnd
 from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError

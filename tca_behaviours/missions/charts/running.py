@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
-from tca_behaviours.missions.client.mission import BaseMission, Mission
+from tca_behaviours.missions.client.base_mission import BaseMission
+from tca_behaviours.missions.client.mission import Mission
 from tca_behaviours.missions.client.task_handle import TaskHandle
 from tca_behaviours.missions.outcomes import (
     MISSION_TASK_FAILED,

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 from typing import Protocol, runtime_checkable
 
+from tca_behaviours.missions.client.errors import MissionTaskFailed
 from tca_behaviours.missions.client.task_handle import TaskHandle, check_handles
 from tca_behaviours.missions.outcomes import Status
 from tca_module.errors import TcaError
@@ -77,3 +78,51 @@ class ConditionVerified(TcaError):
     def __init__(self, conditions: Sequence[MissionCondition]) -> None:
         super().__init__("; ".join(map(str, conditions)))
         self.conditions = list(conditions)  #: the conditions that were verified
+
+
+class ActiveConditions:
+    """The conditions of a mission, and the exception with which they interrupt its next wait."""
+
+    def __init__(self) -> None:
+        self._conditions: list[MissionCondition] = []
+        self._interruption: ConditionVerified | MissionTaskFailed | None = None
+
+    @property
+    def are_given(self) -> bool:
+        """Whether there is at least one condition."""
+        return bool(self._conditions)
+
+    @property
+    def has_interruption(self) -> bool:
+        """Whether the last check found a condition verified, or its task failed."""
+        return self._interruption is not None
+
+    def add(self, condition: MissionCondition) -> None:
+        """Add a condition."""
+        self._conditions.append(condition)
+
+    def clear(self) -> list[TaskHandle]:
+        """Remove all conditions. Return the tasks to stop."""
+        tasks = [
+            condition.task
+            for condition in self._conditions
+            if isinstance(condition, ConditionIsCompleted) and condition.stop_on_clear
+        ]
+        self._conditions.clear()
+        return tasks
+
+    def check(self) -> bool:
+        """Check whether a condition is verified, or its task has failed."""
+        try:
+            verified = [condition for condition in self._conditions if condition.is_verified()]
+            self._interruption = ConditionVerified(verified) if verified else None
+        except MissionTaskFailed as failed:
+            self._interruption = failed
+        return self.has_interruption
+
+    def pop_interruption(self) -> ConditionVerified | MissionTaskFailed | None:
+        """Return the exception that must interrupt the mission now; None if none must."""
+        if self._interruption is None:
+            self.check()
+        interruption, self._interruption = self._interruption, None
+        return interruption

@@ -48,7 +48,7 @@ IGNORED = {
         "never_began",  # only for tasks that a script can name: see _add_outcomes
         "suspended",  # for users to read
         "bytes",  # follows from the tasks
-        "across",  # follows from the constraints
+        "crossing_leaders",  # follows from the constraints
     },
     "Holds": {
         "ending",  # empty between events
@@ -62,7 +62,7 @@ IGNORED = {
         "bytes", "dropped", "next_search",  # counted from the messages; none is forgotten
     },
     "Connection": {
-        "id", "session", "number", "last_number", "orphans", "late",  # addresses
+        "id", "session", "number", "last_number", "orphans", "late_answers",  # addresses
         "hung_after", "hang_timers", "was_replaced",  # no handler hangs
         "answers", "answer_bytes",  # scripts repeat no request
         "tasks", "unconfirmed",  # scripts name nothing by its request
