@@ -114,8 +114,8 @@ def _check_state(task: Task) -> None:
     is_failing = task.retry_pending or (
         task.recovery is not None and task.recovery.exception_handler is not None
     )
-    is_asked = task.slot is not None or task.killed or is_failing
-    assert not asked or is_asked, f"{task}: requests of clients without a handler"
+    may_be_asked = task.slot is not None or task.killed or is_failing
+    assert not asked or may_be_asked, f"{task}: requests of clients without a handler"
 
 
 def _check_observers(central: State) -> None:
@@ -358,8 +358,8 @@ def _check_prefetched(resource: ModuleResource, name: str) -> None:
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
-    """Check that a locked resource admits only the holder, and that a reserved resource admits only
-    its owner's messages.
+    """Check that in a locked resource only its holder's own slot is busy, and that a reserved
+    resource has only its owner's messages.
     """
     assert resource.is_locked or not resource.locked_out_queries, (
         f"{name}: is not locked, but slots of it wait for themselves"
@@ -465,13 +465,13 @@ def _check_retained(central: State) -> None:
         assert record.retention.by.keys() <= {*modules}, (
             f"record {record.id}: retained by a removed module"
         )
-    promises = [(module, number) for module in modules for number in module.retained]
-    for module, number in promises:
+    retentions = [(module, number) for module in modules for number in module.retained]
+    for module, number in retentions:
         assert module in Retention.of(kept.get(number) or tree.tasks[number]).by, (
             f"'{module.name}' keeps {number}, which does not know it"
         )
-    assert central.memory.promises == len(promises), (
-        f"{central.memory.promises} promises, counted {len(promises)}"
+    assert central.memory.retentions == len(retentions), (
+        f"{central.memory.retentions} retentions, counted {len(retentions)}"
     )
     assert central.memory.record_bytes == sum(record.size for record in kept.values()), (
         "size of the records"
@@ -526,10 +526,10 @@ def _check_budget(central: State) -> None:
     )
     connections = [*registry.connections.values(), *registry.lost.values()]
     due = [one for connection in connections for one in connection.outstanding.values()]
-    assert central.budget.collected == sum(one.size for one in due if isinstance(one, Collector)), (
-        "failures"
-    )
-    assert central.budget.awaited == sum(
+    assert central.budget.collector_bytes == sum(
+        one.size for one in due if isinstance(one, Collector)
+    ), "failures"
+    assert central.budget.presence_bytes == sum(
         one.size for one in due if isinstance(one, PresenceWait)
     ), "presence"
     types = sum(type_size(message.format) for message in registry.messages.values())

@@ -229,7 +229,8 @@ class Central(State):
         if kind.read_origin is not None and (origin := kind.read_origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.drops_wrong_origin and not self.origin and origin in self.dispatcher.running:
-                header = msgspec.structs.replace(header, origin=0)  # another module handles it
+                # Another module handles *origin*: the request counts as one without origin.
+                header = msgspec.structs.replace(header, origin=0)
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
@@ -508,8 +509,14 @@ Each function takes headers of the class of its row only.
 """
 
 
-_WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUntilHandled, Observe)
-"""Requests that wait for an answer. To send the answer, central needs the request number."""
+_NEED_NUMBER = (
+    headers.AwaitPoint,
+    headers.GetVariable,
+    headers.Lock,
+    headers.WaitUntilHandled,
+    Observe,
+)
+"""Requests that are refused without a number: nothing but a later answer comes of them."""
 
 
 class _Kind:
@@ -529,7 +536,7 @@ class _Kind:
         field = next((name for name in ("origin", "delivery") if name in fields), "")
         self.name: str = header.__name__
         self.has_number = "number" in fields
-        self.needs_number = header in _WAITS
+        self.needs_number = header in _NEED_NUMBER
         # A ``Lock`` keeps a wrong origin, and its handler refuses it. A lock ends with the delivery
         # that ``origin`` names.
         self.drops_wrong_origin = "origin" in fields and header is not headers.Lock

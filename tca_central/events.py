@@ -151,8 +151,8 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """
 
 
-class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
-    """Central crashed in one request of the packet before this input.
+class RequestSkipped(msgspec.Struct, frozen=True, array_like=True, tag="s"):
+    """The input before this one is a packet. Central crashed in one of its requests.
 
     A replay of the packet refuses that request.
     """
@@ -163,7 +163,7 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
 
 AdminEvent = ConfirmTasks | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | AdminEvent
-Input = Arrived | BadBytes | ConnectionLost | Tick | AdminEvent | Spared
+Input = Arrived | BadBytes | ConnectionLost | Tick | AdminEvent | RequestSkipped
 
 
 class Transmit(msgspec.Struct, frozen=True):

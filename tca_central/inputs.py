@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from tca_central.events import Arrived, BadBytes, Event, Input, RequestReceived, Spared
+from tca_central.events import Arrived, BadBytes, Event, Input, RequestReceived, RequestSkipped
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
 
@@ -13,7 +13,7 @@ def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
     *spared* is the index of the request in which central crashed (-1: it did not crash). This
     request is not handled again: bad bytes replace it, which central refuses.
     """
-    if isinstance(event, Spared):
+    if isinstance(event, RequestSkipped):
         return ()
     if not isinstance(event, Arrived):
         return (event,)

@@ -121,8 +121,8 @@ class RestartPause(Stored):
 def _is_to_own_resource(delivery: Delivery) -> bool:
     """Whether a query goes to its sender's own resource, and the resource takes direct messages.
 
-    The slot must then handle the query at once. The slot may be busy with a direct message, unknown
-    to central. The handler of that message may wait for the answer to the query.
+    The receiving slot must then handle the query at once. It may be busy with a direct message,
+    unknown to central, whose handler waits for the answer to this query.
     """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
@@ -302,7 +302,7 @@ class State(Waits):
         With an *outcome* the task has ended. Observations of the task or of its subtree then end.
         """
         observers = list(self.observers.of(task)) if self.observers.may_observe(task) else []
-        if not (observers or (outcome is not None and self.observers.others)):
+        if not (observers or (outcome is not None and self.observers.of_many)):
             return
         change = StateChange(
             TaskId(int(task.id)),
@@ -324,7 +324,7 @@ class State(Waits):
         if outcome is not None:
             for one in [
                 one
-                for one in (*observers, *self.observers.others)
+                for one in (*observers, *self.observers.of_many)
                 if task.id in (one.task_id, one.below)
             ]:
                 self.end_observers_wait(one)
@@ -441,7 +441,7 @@ class State(Waits):
             self.dispatcher.bytes
             + self.tree.bytes
             + self.agenda.holds.edge_count * EDGE_BYTES
-            + self.budget.collected
+            + self.budget.collector_bytes
         )
 
     @property
@@ -454,7 +454,7 @@ class State(Waits):
             + len(self.claims) * CLAIM_BYTES
             + self.clock.timer_count * TIMER_BYTES
             + self.agenda.wait_count * WAIT_BYTES
-            + self.budget.awaited
+            + self.budget.presence_bytes
         )
 
     def refuse_if_full(self, size: int) -> str:

@@ -80,19 +80,19 @@ class Role(_WithTraits):
 
     is_of_monitor: bool
     """A monitor sends it."""
-    leaves_safe: bool
-    """It leaves things safe: it is not suspended with the task above it."""
+    runs_while_suspended: bool
+    """It is not suspended with the task above it: it leaves things safe."""
     survives: bool
     """It is not killed with the task above it."""
 
     NONE = ""
     EXCEPTION = "exception handler", "survives"  # handles the failure of another task
     LISTENER = "listener"  # of a wiretap
-    TERMINATION = "termination", "leaves_safe", "survives"  # sent after a kill
+    TERMINATION = "termination", "runs_while_suspended", "survives"  # sent after a kill
     CONDITION = "condition", "is_of_monitor"
     ACTION = "action", "is_of_monitor"
     SET_UP = "set up", "is_of_monitor"
-    CANCEL = "cancel", "is_of_monitor", "leaves_safe", "survives"
+    CANCEL = "cancel", "is_of_monitor", "runs_while_suspended", "survives"
 
 
 class Outcome(StrEnum):

@@ -37,7 +37,7 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
 
 def check_retained_room(central: State) -> None:
     """Raise RequestError if no more tasks can be retained."""
-    if central.memory.promises >= MOST_RETAINED:
+    if central.memory.retentions >= MOST_RETAINED:
         text = f"{MOST_RETAINED:,} tasks are kept already: release some first"
         raise RequestError(Refusal.OVERLOAD, text)
 
@@ -49,7 +49,7 @@ def keep(central: State, task: Task | TaskRecord, module: Module) -> None:
     check_retained_room(central)
     Retention.of(task).by[module] = None
     module.retained[task.id] = None
-    central.memory.promises += 1
+    central.memory.retentions += 1
     central.facts.append(facts.Kept(task.id, module.name))
 
 
@@ -58,7 +58,7 @@ def release(central: State, task_id: int, module: Module) -> None:
     if task_id not in module.retained:
         return
     del module.retained[task_id]
-    central.memory.promises -= 1
+    central.memory.retentions -= 1
     central.facts.append(facts.Released(TaskId(task_id), module.name))
     record = central.memory.records.get(task_id)
     keeping = Retention.of(record or central.tree.tasks[task_id])
@@ -98,5 +98,5 @@ def _drop(central: State, record: TaskRecord) -> None:
         central.memory.record_bytes -= dropped.size
         for module in dropped.retention.by:
             del module.retained[dropped.id]
-            central.memory.promises -= 1
+            central.memory.retentions -= 1
         central.facts.append(facts.Released(dropped.id, ""))

@@ -97,7 +97,7 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
     """Raise a failure on a task from outside its handler, which continues."""
     if task.returned and task.failure is None and not task.result:
         central.tree.grow(task, len(NIL))
-        task.result = NIL  # the handler has returned None: the result if the failure is resolved
+        task.result = NIL  # the handler's None: the task's result if this failure is resolved
     central.record_failure(task, failure, from_outside=True, by=by)
     _search(central, task, failure, from_outside=True)
 
@@ -246,22 +246,25 @@ def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task |
 
     If the failing task is part of an exception handler that could not decide, kill that handler
     instead. Return the handler if the search must continue above it. A handler that fails by choice
-    has decided, unless a task above is about to be retried for another handler.
+    has decided. The search continues nevertheless if another exception handler has asked for a
+    retry of a task above.
     """
     handlers_above = task.exception_handlers_up()
     undecided = handlers_above[0] if handlers_above else None
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
         above = trouble_of(undecided).failing.lineage()
-        undecided = undecided if any(_leaves_behind(one, handlers_above) for one in above) else None
+        undecided = (
+            undecided if any(_is_retried_by_another(one, handlers_above) for one in above) else None
+        )
     central.facts.append(facts.Unhandled(task.id, undecided.id if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
     if undecided is None:
         _end_top_level(central, task, failure, verdict)
         return None
     trouble = trouble_of(undecided)
-    was_undecided = _void_decision(undecided)
+    was_in_force = _void_decision(undecided)
     kill(central, undecided, verdict)
-    if not was_undecided:
+    if not was_in_force:
         return None
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
@@ -272,8 +275,8 @@ def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task |
     return undecided
 
 
-def _leaves_behind(above: Task, handlers_above: list[Task]) -> bool:
-    """Whether *above* is about to be retried, but not for one of *handlers_above*."""
+def _is_retried_by_another(above: Task, handlers_above: list[Task]) -> bool:
+    """Whether *above* is about to be retried, at the request of none of *handlers_above*."""
     retry_requesters = above.recovery.retry_requesters if above.recovery is not None else {}
     return above.retry_pending and retry_requesters.keys().isdisjoint(handlers_above)
 
@@ -328,8 +331,8 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
 def _void_decision(exception_handler: Task) -> bool:
     """Void an exception handler's decision. Return False if the decision was void already."""
     trouble = trouble_of(exception_handler)
-    was_undecided, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
-    return was_undecided
+    was_in_force, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
+    return was_in_force
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
@@ -464,9 +467,9 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
         for monitor in (task.background_monitors or {}).values()
         if monitor.is_foreign_monitor
     ]
-    starts = _next_ends(task, END_HANDLING, END_PLANNING)
+    next_ends = _next_ends(task, END_HANDLING, END_PLANNING)
     for monitor in foreign_monitors:
-        starts += _next_ends(monitor, END_HANDLING, END_ACHIEVING)
+        next_ends += _next_ends(monitor, END_HANDLING, END_ACHIEVING)
     awaited = {
         child
         for child in (task.children or {}).values()
@@ -475,12 +478,12 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     if asking is not None:
         awaited.add(asking)
     for awaited_task in sorted(awaited, key=lambda child: child.id):
-        for start in starts:
-            if path := find_path(central.tree, start, Place(awaited_task, END_ACHIEVING)):
-                waits = next(place.task for place in path if place.task is not start.task)
+        for end in next_ends:
+            if path := find_path(central.tree, end, Place(awaited_task, END_ACHIEVING)):
+                waits = next(place.task for place in path if place.task is not end.task)
                 text = (
                     f"{task} can't be retried: {waits} under it must end before, "
-                    f"and waits for {start.task}"
+                    f"and waits for {end.task}"
                 )
                 raise RequestError(Refusal.CYCLE, text)
 

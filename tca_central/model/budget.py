@@ -37,11 +37,11 @@ class Budget(Stored):
 
     __slots__ = (
         "answers",
-        "awaited",
-        "collected",
+        "collector_bytes",
         "declared",
         "messages",
         "outcomes",
+        "presence_bytes",
         "records",
         "refused",
         "tap_depth",
@@ -54,8 +54,8 @@ class Budget(Stored):
     def __init__(self, total: int = MEMORY) -> None:
         self.share(total)
         self.tap_depth, self.task_depth = TAP_DEPTH, TASK_DEPTH
-        self.collected = 0  #: bytes of failures that multi-queries in progress hold
-        self.awaited = 0  #: bytes of the waits of connections for handlers (``PresenceWait``)
+        self.collector_bytes = 0  #: bytes of failures that multi-queries in progress hold
+        self.presence_bytes = 0  #: bytes of waits for handlers (``PresenceWait``)
         self.refused = 0  #: number of requests refused, and informs dropped, for a full part
 
     def share(self, total: int) -> None:

@@ -121,7 +121,7 @@ class Asker(ConnectionIdentity):
         #: (request, task) of tasks whose ids central has not sent to this connection.
         self.unconfirmed: list[tuple[int, TaskId]] = []
         self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
-        self.brief_waits: dict[int, Blocking] = {}  #: by request: brief waits, never deadlocks
+        self.brief_waits: dict[int, Blocking] = {}  #: by request: too short for a deadlock
         #: By request: revoked claims of which its module has not been notified.
         self.lost_claims: dict[int, LostClaim] = {}
 
@@ -470,7 +470,7 @@ class AttachedHandler(Stored):
 class Wiretap(Stored):
     """A wiretap: it sends its listener at an event, or before a moment of the tapped task.
 
-    It holds such a moment. A start is held until the listener ends the interval that it begins.
+    A start is held until the listener has ended the same interval, such as its planning.
     """
 
     __slots__ = (

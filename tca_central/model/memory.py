@@ -14,7 +14,7 @@ _DONE = Outcome.DONE, "", "", b""
 class Memory(Stored):
     """The outcomes and records of ended tasks, within bounds."""
 
-    __slots__ = ("forgotten", "outcome_bytes", "outcomes", "promises", "record_bytes", "records")
+    __slots__ = ("forgotten", "outcome_bytes", "outcomes", "record_bytes", "records", "retentions")
 
     def __init__(self) -> None:
         #: By task id, oldest first: all outcomes but "done" without a result.
@@ -26,7 +26,7 @@ class Memory(Stored):
         self.record_bytes = 0  #: bytes of all records
         #: Number of tasks, living or ended, that modules retain. A task that two modules retain
         #: counts twice.
-        self.promises = 0
+        self.retentions = 0
 
     def outcome_of(self, task_id: int) -> TaskOutcome | None:
         """Return the outcome of an ended task; None if it was forgotten.

@@ -9,7 +9,7 @@ from tca_wire.packets.changes import Observe
 from tca_wire.points import TaskId
 from tca_wire.waits import WaitKind
 
-OTHERS = ""
+MANY = ""
 """The key of one group: the observations of a subtree or of all tasks.
 
 Each other group has observations of one task or of one message. Its key is the task's id or the
@@ -68,18 +68,18 @@ class Observers(Stored):
 
     def __init__(self) -> None:
         self.count = 0
-        self.groups: dict[int | str, dict[Observation, None]] = {OTHERS: {}}
+        self.groups: dict[int | str, dict[Observation, None]] = {MANY: {}}
 
     @property
-    def others(self) -> dict[Observation, None]:
+    def of_many(self) -> dict[Observation, None]:
         """Observations of a subtree, or of all tasks."""
-        return self.groups[OTHERS]
+        return self.groups[MANY]
 
     def may_observe(self, task: Task) -> bool:
         """Whether a task may have observers. For most tasks this is a quick no."""
         if not self.count:
             return False
-        return bool(self.others) or task.message.name in self.groups or task.id in self.groups
+        return bool(self.of_many) or task.message.name in self.groups or task.id in self.groups
 
     def add(self, observation: Observation) -> None:
         """Add an observation."""
@@ -91,16 +91,16 @@ class Observers(Stored):
         key = _group_key(observation)
         del self.groups[key][observation]
         self.count -= 1
-        if not (self.groups[key] or key == OTHERS):
+        if not (self.groups[key] or key == MANY):
             del self.groups[key]
 
     def of(self, task: Task) -> Iterator[Observation]:
         """Yield the observations of a task, each once."""
         yield from self.groups.get(task.id, ())
         yield from self.groups.get(task.message.name, ())
-        yield from (observation for observation in self.others if observation.wants(task))
+        yield from (observation for observation in self.of_many if observation.wants(task))
 
 
 def _group_key(observation: Observation) -> int | str:
     """Return the key of an observation's group."""
-    return observation.task_id or (OTHERS if observation.below else observation.message)
+    return observation.task_id or (MANY if observation.below else observation.message)

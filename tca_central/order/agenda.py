@@ -105,7 +105,7 @@ class Agenda(Stored):
         if wanted or last is not None or flags != SEQ_ACH:
             added = self._constrain_new(task, last, flags, wanted)
         self.tree.become_last(task, parent, sender)
-        task.suspended = parent.suspended and not task.role.leaves_safe
+        task.suspended = parent.suspended and not task.role.runs_while_suspended
         # A new child of a killed parent is killed, too. So is a new child of a parent that is to be
         # retried: the handling that sent the child no longer counts.
         is_late = parent.retry_pending and not (task.role or task.is_foreign_monitor)
@@ -168,8 +168,8 @@ class Agenda(Stored):
         """Reach the first moments of a task that was given to a handler."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
-            # A goal's achieving may start now. A task that has returned already may end: a request
-            # may have ended a monitor before the monitor began.
+            # A goal's achieving may start now. A monitor that a request has ended before it began
+            # counts as returned: it may end now.
             if task.is_goal or task.returned:
                 self.to_advance.append(task)
         self._recheck_parent(task)
@@ -217,7 +217,7 @@ class Agenda(Stored):
         self.to_advance.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
-        """Have the wiretaps before a task that has not started fire once more."""
+        """Have the wiretaps that fire before moments of an unstarted task fire once more."""
         again = {tap.id for tap in taps_of(task) if tap.held_moment & ~task.reached}
         if again:
             Tapping.of(task).fire_again(again)
@@ -367,8 +367,8 @@ class Agenda(Stored):
         """Whether all conditions for the delivery of a task are met."""
         if task.suspended or (task.retry_pending and not task.may_be_handled_again):
             return False
-        # Before a first start, ``delivered_at`` stands for the start of handling, with its holds. A
-        # retried task is past that moment: a listener holds its start of handling directly.
+        # Holds on a first start of handling are holds on ``delivered_at``. A retried task is past
+        # that moment: only there, listeners hold START_HANDLING.
         if task.held and is_held(task, START_HANDLING):
             return False
         if task.planning_delayed and not self._may_reach(task, START_ACHIEVING):

@@ -7,9 +7,9 @@ within a task, and the rules for parent and child. A parent starts before each o
 ends after all of them.
 
 A background monitor may watch until everything else under its parent has ended (decision 42). The
-moment ``ALL_ELSE`` of the parent stands for that end. Without this moment, a thousand siblings and
-a hundred monitors would make a hundred thousand edges. The graph of needs (needs/) does not use
-``ALL_ELSE``, because a limit or a request may end the monitor sooner.
+moment ``REST_ENDED`` of the parent stands for that end. Without this moment, a thousand siblings
+and a hundred monitors would make a hundred thousand edges. The graph of needs (needs/) does not use
+``REST_ENDED``, because a limit or a request may end the monitor sooner.
 
 Large subtrees are skipped. A path leaves a subtree only at the ends of the subtree's top task, or
 along a constraint between tasks that are not siblings. Such constraints are rare.
@@ -49,10 +49,10 @@ counts as a constraint on the end of handling and the end of planning.
 """
 
 
-ALL_ELSE = ALL_MOMENTS + 1
+REST_ENDED = ALL_MOMENTS + 1
 """A further moment of a task: everything under the task has ended, except background monitors.
 
-New children may arrive while the task is being achieved. So ``ALL_ELSE`` comes after the task's
+New children may arrive while the task is being achieved. So ``REST_ENDED`` comes after the task's
 start of achieving.
 """
 
@@ -187,7 +187,7 @@ class SubtreesToEnter:
         if task in self._behind:
             return True
         # Only paths through children lead back to the start of achieving, except from its end.
-        if moment in (END_ACHIEVING, ALL_ELSE) or not task.is_goal or task.planning_delayed:
+        if moment in (END_ACHIEVING, REST_ENDED) or not task.is_goal or task.planning_delayed:
             return False
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
 
@@ -327,14 +327,14 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
 
 
 def all_before(tree: TaskTree, place: Place, *, below: bool = True) -> Iterator[Place]:
-    """Yield the points that a point waits for, directly or through ``ALL_ELSE``."""
+    """Yield the points that a point waits for, directly or through ``REST_ENDED``."""
     return chain(predecessors(tree, place, below=below), _before_by_all_else(*place, below=below))
 
 
 def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     """Yield the points that come after a moment only because of background monitors.
 
-    These watch until all else has ended: the edges lead through ``ALL_ELSE`` of their parent.
+    These watch until all else has ended: the edges lead through ``REST_ENDED`` of their parent.
     """
     if moment == START_ACHIEVING:
         yield from _all_else(task)
@@ -343,7 +343,7 @@ def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Plac
             yield from _all_else(task.parent)
         for retried in retried_by(task):
             yield from _all_else(retried)
-    elif moment == ALL_ELSE and below:
+    elif moment == REST_ENDED and below:
         for monitor in (task.background_monitors or {}).values():
             if not monitor.killed:
                 yield from (Place(monitor, END_HANDLING), Place(monitor, END_ACHIEVING))
@@ -352,22 +352,26 @@ def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Plac
 
 def _before_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     """Yield the points that come before a moment only because of background monitors."""
-    if moment == ALL_ELSE:
+    if moment == REST_ENDED:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()
         yield from (Place(child, END_ACHIEVING) for child in children if not child.is_background)
         yield from (Place(handler, END_ACHIEVING) for handler in _retry_requesters(task))
-    if moment in (END_HANDLING, END_ACHIEVING, ALL_ELSE) and task.is_background and not task.killed:
+    if (
+        moment in (END_HANDLING, END_ACHIEVING, REST_ENDED)
+        and task.is_background
+        and not task.killed
+    ):
         yield from _all_else(task.parent)
 
 
 def _all_else(task: Task | None) -> Iterator[Place]:
-    """Yield ``ALL_ELSE`` of a task, if it has background monitors.
+    """Yield ``REST_ENDED`` of a task, if it has background monitors.
 
     Yield nothing for the root: its monitors do not end when all else under the root has ended.
     """
     if task is not None and task.background_monitors and task.id != ROOT:
-        yield Place(task, ALL_ELSE)
+        yield Place(task, REST_ENDED)
 
 
 def _retry_requesters(task: Task) -> Iterable[Task]:

@@ -31,7 +31,7 @@ from tca_central.order.prefetching import (
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
-"""The most deliveries that may wait for one resource, or for the first handler of one message.
+"""The most deliveries that may wait for one resource, or for one message that has no handler yet.
 
 When a queue is full, further informs are dropped and further queries are refused. Tasks count, too,
 but they are never refused, because they are in the tree anyway.

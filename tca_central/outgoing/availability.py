@@ -43,7 +43,7 @@ def on_wait_until_handled(
         central.answer(connection, header.number, Answer(header.number))
         return
     wait = PresenceWait(connection, header, messages)
-    central.budget.awaited += wait.size
+    central.budget.presence_bytes += wait.size
     connection.outstanding[header.number] = wait
     central.facts.append(facts.WaitBegan(*_fact_fields(wait)))
     # A *brief* wait is not checked for a deadlock: another module may still join.
@@ -99,7 +99,7 @@ def _promiser(
 def end_presence_wait(central: State, wait: PresenceWait) -> None:
     """End a wait: all its messages are handled, or its module waits no longer."""
     wait.end()
-    central.budget.awaited -= wait.size
+    central.budget.presence_bytes -= wait.size
     central.facts.append(facts.WaitEnded(*_fact_fields(wait)))
 
 

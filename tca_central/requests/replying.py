@@ -217,7 +217,7 @@ def _collect(
     """Add a reply or failure to a multi-query."""
     del collector.pending[delivery.id]
     module = collector.module_of.pop(delivery.id)
-    central.budget.collected -= collector.size
+    central.budget.collector_bytes -= collector.size
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
         collector.answered += 1
@@ -232,7 +232,7 @@ def _collect(
                 body = b""
             end = Answer(collector.number, answer.outcome, answer.failure, answer.text)
             collector.end = end, body
-    central.budget.collected += collector.size
+    central.budget.collector_bytes += collector.size
     end_if_complete(central, collector)
 
 
@@ -250,6 +250,6 @@ def end_if_complete(central: State, collector: Collector) -> None:
 
 def end_collector(central: State, collector: Collector) -> None:
     """Forget a multi-query. Later answers to its copies are ignored."""
-    central.budget.collected -= collector.size
+    central.budget.collector_bytes -= collector.size
     for copy in collector.pending:
         del central.collectors[copy]

@@ -249,7 +249,7 @@ def _create_watch(central: State, task: Task, parent: Task, header: Send) -> Non
 
 
 def _check_end_point(message: MessageType, parent: Task, options: WatchOptions) -> None:
-    """Raise RequestError if a monitor would watch until a task ends that waits for the monitor."""
+    """Raise RequestError if a monitor would watch until the end of a task that waits for it."""
     until = options.until
     if until is None or until.moment is not Moment.END_ACHIEVING:
         return

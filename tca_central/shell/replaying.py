@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tca_central.core import Central
 from tca_central.errors import CentralError, ImageError
-from tca_central.events import Input, Record, Spared
+from tca_central.events import Input, Record, RequestSkipped
 from tca_central.image.decoder import decode
 from tca_central.inputs import events_of
 from tca_central.shell.input_log import (
@@ -219,12 +219,12 @@ def _damaged(segment: InputSegment) -> CentralError:
 def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
     """Yield each input, and the index of its request that the replay must refuse (-1: none).
 
-    A ``Spared`` after the input has this index.
+    A ``RequestSkipped`` after the input has this index.
     """
     previous: Input | None = None
     for event in inputs:
-        if previous is not None and not isinstance(previous, Spared):
-            yield previous, event.index if isinstance(event, Spared) else -1
+        if previous is not None and not isinstance(previous, RequestSkipped):
+            yield previous, event.index if isinstance(event, RequestSkipped) else -1
         previous = event
-    if previous is not None and not isinstance(previous, Spared):
+    if previous is not None and not isinstance(previous, RequestSkipped):
         yield previous, -1

@@ -32,7 +32,7 @@ from tca_central.events import (
     Input,
     LimitsSet,
     RequestReceived,
-    Spared,
+    RequestSkipped,
     Tick,
     Transmit,
 )
@@ -226,7 +226,7 @@ class Daemon:
         Log that a replay must refuse this request, which would end central again.
         """
         if self.log is not None:
-            self.log.add_input(Spared(index))
+            self.log.add_input(RequestSkipped(index))
         kind, owner = type(event).__name__, ""
         if isinstance(event, RequestReceived):
             kind = type(event.header).__name__

@@ -89,7 +89,7 @@ class Handler:
         has_data = message.data.kind is not type(None)
         wanted = f"(task, data: {message.data})" if has_data else "(task)"
         what, possible = f"a handler of {message.title}", (2,) if has_data else (1, 2)
-        self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
+        self._argument_count = check_function(what, function, wanted, possible, may_be_async=True)
         if has_data:
             check_annotation(self.name, function, message)
 
@@ -117,7 +117,7 @@ class Handler:
 
     def _arguments_for(self, task: Task, body: bytes) -> tuple[Any, ...]:
         try:
-            return (task, self.message.decode_data(body))[: self._arguments]
+            return (task, self.message.decode_data(body))[: self._argument_count]
         except BadData as error:
             raise Misfit(str(error)) from None
 
@@ -142,10 +142,10 @@ class Handler:
         """Return the outcome of a handler that has raised an error."""
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
-        is_woken = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
-        is_stopped = isinstance(error, Stopped) and task_is_killed()
+        was_cancelled = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
+        is_stopped_by_kill = isinstance(error, Stopped) and task_is_killed()
         # The handler was asked to end, and does so. That is no failure.
-        if is_woken or is_stopped or isinstance(error, Aborted):
+        if was_cancelled or is_stopped_by_kill or isinstance(error, Aborted):
             return Reply(task.delivery), NIL
         # Not the handler was cancelled, but a coroutine that it ran.
         if isinstance(error, asyncio.CancelledError) and not self.is_async:

@@ -176,8 +176,8 @@ def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
 def _lost_seconds(one: Failed, decided: Fate) -> float:
     """Return the seconds of lost work.
 
-    They count from the start of the handler that failed. If a failure was raised beside the handler
-    and ended or restarted the task, they count from the last start of the task.
+    They count from the start of the handler that failed. If a failure was raised from outside the
+    handler and ended or restarted the task, they count from the last start of the task.
     """
     if one.handling:
         return one.time - one.handling.start

@@ -83,7 +83,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
         kind = item.message_class
         item.is_background = kind.is_monitor and kind.is_outside_sequence
         parent.background_monitors += item.is_background
-        item.is_suspended = parent.is_suspended and not item.role.leaves_safe
+        item.is_suspended = parent.is_suspended and not item.role.runs_while_suspended
         if parent.is_killed:
             world.later.append(lambda: check_below(world, parent))
     _constrain(world, fact.constraints)

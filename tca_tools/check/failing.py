@@ -13,7 +13,7 @@ from tca_wire.vocabulary import Role
 
 OWN, BESIDE = 0, -1
 """Two kinds of new searches for an exception handler: after a failure of the task's own handler,
-and after a failure raised beside that handler.
+and after a failure raised from outside that handler.
 """
 
 

@@ -53,7 +53,7 @@ NO_TIME = 1e-6
 _OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
 """Waits for points of other tasks, caused by the order of tasks."""
 _OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
-"""Waits that count only from the start of a task's state. Another wait blocked the task before."""
+"""Waits that count only from the start of a task's state. Others blocked it before."""
 
 _Span = TypeVar("_Span", Queueing, Handling)
 _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
@@ -139,7 +139,7 @@ before it or with it.
 """
 _NEXT = {
     TaskState.HELD: START_HANDLING,
-    TaskState.QUEUED: END_HANDLING,  # it is handled again
+    TaskState.QUEUED: END_HANDLING,  # a retry; for the first handling see next_moment
     TaskState.PLANNING: END_PLANNING,
     TaskState.PLANNED: START_ACHIEVING,
     TaskState.HANDLING: END_HANDLING,
@@ -201,7 +201,7 @@ def moments_before(task: Task, moment: int, time: float) -> int:
 def is_to_be_handled_again(task: Task, time: float) -> bool:
     """Whether a task's handler must still start, at first or again.
 
-    True if it never started, if the last one left before it returned, or if a retry is due.
+    True if it never started, if the last one was lost with its module, or if a retry is due.
     """
     begun = bisect_right(task.handlings, time, key=_START)
     if not begun:
@@ -328,7 +328,7 @@ def blocking_tasks(
 
 
 def _is_blocked(run: Run, monitor: Task, time: float | None) -> bool:
-    """Whether a constraint blocks a monitor's end. One on its next handling does not count."""
+    """Whether a constraint blocks a monitor's end. One on a retry's handling does not count."""
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
             is_active = time is None or wait.start <= time < wait.end
@@ -409,7 +409,7 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     """Yield the waits for exception handlers.
 
     The waits for handlers of the task's own failures follow one another. The waits for handlers of
-    failures raised beside the task's handler may overlap with these and with each other.
+    failures raised from outside the task's handler may overlap with these and with each other.
     """
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
@@ -513,8 +513,8 @@ def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[W
         for _, wait in sorted(waits, key=_SINCE):
             start, end = max(wait.start, since), min(wait.end, over)
             if wait.blocks & wanted and end - start >= NO_TIME:
-                of_all = min(begun, start) if is_of_state(wait, state) else start
-                found.append(wait._replace(start=start, end=end, since=of_all))
+                waiting_since = min(begun, start) if is_of_state(wait, state) else start
+                found.append(wait._replace(start=start, end=end, since=waiting_since))
     return sorted(found, key=_START)
 
 

@@ -164,7 +164,7 @@ class _RowBuilder:
         task = self.run.tasks.get(failed.message_id)
         if task and task.state is TaskState.RESOLVED and task.handlings[-1] is failed:
             return Ending.RESOLVED
-        return Ending.COPED if run_continued_after(self.run, failed) else Ending.FAILED
+        return Ending.HANDLED if run_continued_after(self.run, failed) else Ending.FAILED
 
     def _wait_bar(
         self, waiter: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING
@@ -205,7 +205,7 @@ class _RowBuilder:
             return []
         marks = []
         for failure in failures:
-            ending = Ending.COPED if run_continued(run, task, failure.time) else Ending.FAILED
+            ending = Ending.HANDLED if run_continued(run, task, failure.time) else Ending.FAILED
             title = titles.of_failure(run, task, failure)
             marks.append(Mark(failure.time, ending, title))
         changes = (change for change in task.life if change.effect is not Effect.RESULT)

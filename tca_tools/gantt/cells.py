@@ -13,7 +13,7 @@ from tca_wire.text.printable import printable
 
 FAILURES = {
     Ending.FAILED: ("!", "red"),
-    Ending.COPED: ("~", "yellow"),
+    Ending.HANDLED: ("~", "yellow"),
     Ending.RESOLVED: ("&", "bright_yellow"),
 }
 MARKS = {**FAILURES, Ending.NONE: ("?", None)}

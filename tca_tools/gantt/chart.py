@@ -36,15 +36,15 @@ class Ending(StrEnum):
 
     NONE = ""
     FAILED = "failed"
-    COPED = "coped"  # it failed, and the run continued
+    HANDLED = "handled"  # it failed, and the run continued
     RESOLVED = "resolved"  # it failed, and its task was done after the failure
     KILLED = "killed"  # its task was killed while it ran
 
 
 CONNECTED, CURVE = "connected", "curve"
-MARKED = {Ending.FAILED: "mark-failed", Ending.COPED: "mark-coped", Ending.NONE: "mark-request"}
+MARKED = {Ending.FAILED: "mark-failed", Ending.HANDLED: "mark-handled", Ending.NONE: "mark-request"}
 """The style names of marks."""
-FLAGGED = (Ending.FAILED, Ending.COPED, Ending.RESOLVED)
+FLAGGED = (Ending.FAILED, Ending.HANDLED, Ending.RESOLVED)
 """The endings that have a flag, the worst first."""
 MEANINGS: dict[str, str] = {
     BarKind.HANDLED: "handling",
@@ -58,15 +58,15 @@ MEANINGS: dict[str, str] = {
     TaskRole.AHEAD: "ahead of its state",
     TaskRole.WASTED: "ahead, but wasted",
     Ending.FAILED: "failed",
-    Ending.COPED: "failed, and handled",
+    Ending.HANDLED: "failed, and handled",
     Ending.RESOLVED: str(Outcome.RESOLVED),
     Ending.KILLED: "killed",
-    "mark-failed": "failure raised beside the handler",
-    "mark-coped": "failure raised beside the handler, and handled",
+    "mark-failed": "failure raised from outside the handler",
+    "mark-handled": "failure raised from outside the handler, and handled",
     "mark-request": "request of a client, or its answer",
     CURVE: "number queued or suspended",
     "flag-failed": "a failure at this time",
-    "flag-coped": "a failure at this time, handled",
+    "flag-handled": "a failure at this time, handled",
     "flag-resolved": f"a failure at this time, task {Outcome.RESOLVED}",
 }
 """The legend of a chart: by style name (see ``chart.css``), the meaning."""
@@ -74,7 +74,7 @@ MEANINGS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An instant in a bar: a failure raised beside the handler, or a client's request or answer."""
+    """An instant in a bar: a failure from outside the handler, or a client's request or answer."""
 
     time: float
     ending: Ending

@@ -57,10 +57,12 @@ class Fate(StrEnum):
     REPLACED = "replaced"  # the task was killed; the top-level task continued or was achieved
     KILLED = "killed"  # the task and the top-level task were killed
     NOT_HANDLED = "unhandled"  # no exception handler was found
-    ASKER_CONTINUED = "coped"  # a query's asker got the report, and continued
-    REPORTED = "told"  # a query's asker, outside of handlers, got the report
-    ASKER_FAILED = "passed"  # a query's asker got the report, and its own failure was not handled
-    NOT_REPORTED = "untold"  # an inform or the like; a query whose sender no longer waited
+    ASKER_CONTINUED = "asker_continued"  # a query's asker got the report, and continued
+    REPORTED = "reported"  # a query's asker, outside of handlers, got the report
+    ASKER_FAILED = (
+        "asker_failed"  # a query's asker got the report, and its own failure was not handled
+    )
+    NOT_REPORTED = "unreported"  # an inform or the like; a query whose sender no longer waited
     OPEN = "open"  # not decided when the journal ended
 
     @property

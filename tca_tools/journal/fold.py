@@ -355,8 +355,8 @@ class History(RecordFold):
             if fact.body:
                 self._change(message, "failure_data", fact.body)
             if not fact.is_beside and isinstance(message, Task) and message.is_retry_due:
-                # The outcome of the old run is void. A failure raised beside the handler since the
-                # retry was requested remains
+                # The outcome of the old run is void. A failure that was raised from outside the
+                # handler since the retry was requested remains.
                 self._forget_outcome(message)
                 self._change(message, "failure", old_failure)
                 self._change(message, "failure_data", old_data)

@@ -120,7 +120,7 @@ class RecordFold(Run):
             parent = self._task(task.parent)
             parent.children = appended(parent.children, TaskId(task.id))
             task.top = parent.top
-            if parent.suspension and not task.role.leaves_safe:
+            if parent.suspension and not task.role.runs_while_suspended:
                 above = parent.suspension
                 own = Suspension(TaskId(task.id), above.cause, self.time, above.handlings)
                 own.by, own.since_birth = above.by, above.since_birth

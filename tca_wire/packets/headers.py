@@ -266,8 +266,8 @@ class Attach(Numbered, frozen=True, tag=13):
 class Remove(Numbered, frozen=True, tag=14):
     """Remove an exception handler, or the sender's share in a wiretap.
 
-    With *for_all* the wiretap is removed for all modules, or a monitor ends. Accepted has id 0 if
-    nothing with this id exists.
+    With *for_all* the wiretap is removed for all modules. If the id is a monitor's, the monitor
+    ends. Accepted has id 0 if nothing with this id exists.
     """
 
     id: int
@@ -547,7 +547,7 @@ class Unknown(WireArray, frozen=True, tag=40):
     """Central does not know this connection: say Hello again and repeat unacknowledged requests."""
 
     number: int = 0
-    """The request that central has not done: it is lost, if the module sent it only once."""
+    """The request that central has not done. It is lost unless the module sends it again."""
 
 
 class Closing(WireArray, frozen=True, tag=41):

@@ -31,7 +31,7 @@ from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 
-ANY = '{"type":"integer"}'
+INTEGER = '{"type":"integer"}'
 WITH_EXPLICIT_ORIGIN = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
 """Requests in which a test names the handler that sends them. In all other requests, the player
 names the newest handler that the connection runs.
@@ -177,8 +177,8 @@ class Player:
         name = words.removeprefix(f"{message_class} ")
         if name in NOTICES:
             return NOTICES[name].format
-        reply = ANY if message_class in ("query", "multi-query", "command") else ""
-        return MessageFormat(name, message_class, ANY, reply)
+        reply = INTEGER if message_class in ("query", "multi-query", "command") else ""
+        return MessageFormat(name, message_class, INTEGER, reply)
 
     def declared(self, words: str) -> MessageFormat:
         """Return the declaration of a message, with the life cycle set in `life_cycles`."""

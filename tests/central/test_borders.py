@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from central.player import ANY, IN_PYTHON, Player, before, point
+from central.player import IN_PYTHON, INTEGER, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
@@ -150,7 +150,7 @@ def test_path_from_recovery_to_retried_ancestor_is_found() -> None:
         "planner: goal walk", "eye: query seen", "expert: exception handler recover", "user"
     )
     player.declare("user", "goal walk", "command move")
-    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", "move"])
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["seen", "move"])
     player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
     monitor = player.task(

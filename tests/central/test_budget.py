@@ -435,7 +435,7 @@ def test_late_failure_of_abandoned_multi_query_holds_nothing() -> None:
     sent = player.receive(
         "map/1", headers.Fail(player.delivered("map/1")[0], "no idea", "why"), bytes(500)
     )
-    assert player.central.budget.collected == 0
+    assert player.central.budget.collector_bytes == 0
     sent += player.reply("camera/1")
     assert not any(isinstance(one, headers.Answer) for one in sent)
     assert not player.central.collectors

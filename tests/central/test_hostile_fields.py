@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from central.player import ANY, Player, point
+from central.player import INTEGER, Player, point
 
 from tca_central.events import (
     Arrived,
@@ -44,7 +44,7 @@ def hello(**fields: Any) -> headers.Hello:
 
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_unprintable_name_is_refused_in_printable_words(player: Player, name: str) -> None:
-    formats = [MessageFormat(name, MessageClass.INFORM, ANY)]
+    formats = [MessageFormat(name, MessageClass.INFORM, INTEGER)]
     for header in (
         headers.Register(player.number("user"), formats),
         headers.Register(player.number("user"), [], [HandlerFormat("move", name)]),
@@ -188,7 +188,7 @@ def test_waiting_request_without_number_is_refused(header: Any) -> None:
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0])
 def test_polling_monitor_with_invalid_time_is_refused(option: str, seconds: float) -> None:
     player = Player.of("legs: query where, command move", "user")
-    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["where", "move"])
     player.request("user", headers.Register, [watch])
     (answer,) = player.send(
         "user",

@@ -5,7 +5,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from central.player import ANY, Player, before, point
+from central.player import INTEGER, Player, before, point
 
 from dev.invariants import check_invariants
 from tca_central.control import keeping, steering
@@ -212,7 +212,7 @@ def test_point_monitor_fails_when_its_condition_cannot_be_sent(
 ) -> None:
     player = Player.of("user")
     player.declare("user", "query where", "command move")
-    declared = MessageFormat("check", MessageClass.POINT_MONITOR, ANY, "", ["where", "move"])
+    declared = MessageFormat("check", MessageClass.POINT_MONITOR, INTEGER, "", ["where", "move"])
     player.request("user", headers.Register, [declared])
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 0)
     player.task("user", "check")

@@ -4,7 +4,7 @@ everything ends.
 
 import random
 
-from central.player import ANY, Player, before, point
+from central.player import INTEGER, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling import lives
@@ -37,7 +37,7 @@ class LifeOfMonitors:
             player.module(name, handled, capacity=12)
         player.module("user")
         player.module("eye", "query seen")
-        watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
+        watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["seen", ""])
         self.request(headers.Register, [watch])
         self.request(headers.Attach, Attachment("", "mend", 2), ROOT, "walk")
         condition = chance.choice([Condition.WHEN_SENT, Condition.WHILE_HANDLING])

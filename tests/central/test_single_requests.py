@@ -3,7 +3,7 @@ handlers.
 """
 
 import pytest
-from central.player import ANY, Player
+from central.player import INTEGER, Player
 
 from tca_central.events import Tick
 from tca_wire.messages.notices import MODULE_LEFT, NOTICES
@@ -64,12 +64,12 @@ def test_notice_must_be_declared_in_centrals_format(player: Player) -> None:
         "two formats for message 'tca: module left': a inform here, a broadcast there "
         "(here = module 'user', there = central)"
     )
-    other_data = MessageFormat(MODULE_LEFT.name, MessageClass.BROADCAST, ANY)
+    other_data = MessageFormat(MODULE_LEFT.name, MessageClass.BROADCAST, INTEGER)
     assert "data $: integer here, " in declare(player, other_data).text
 
 
 def test_unknown_name_with_notice_prefix_is_refused(player: Player) -> None:
-    refused = declare(player, MessageFormat("tca: module slept", MessageClass.INFORM, ANY))
+    refused = declare(player, MessageFormat("tca: module slept", MessageClass.INFORM, INTEGER))
     assert refused.text == (
         "'tca: module slept': names that begin with 'tca: ' are central's own, and it sends no such notice"
     )

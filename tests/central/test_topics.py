@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from central.player import ANY, Player, before, point
+from central.player import INTEGER, Player, before, point
 from central.transcript import Transcript
 
 from tca_central.core import Central
@@ -32,7 +32,7 @@ def robot() -> Player:
     player.declare(
         "user", "goal walk", "command move", "command fly", "variable mode", "query where"
     )
-    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["where", "move"])
     player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slipped", "recover", 2)])
     moves = [player.task("planner/1", "move", under=walk, origin=walk) for _ in range(3)]

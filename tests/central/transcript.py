@@ -74,7 +74,7 @@ import re
 from typing import Any
 
 import msgspec
-from central.player import ANY, Player
+from central.player import INTEGER, Player
 from central.transcript_words import (
     constraints,
     describe,
@@ -241,8 +241,8 @@ class Transcript:
 
     def declare(self, name: str, message_class: str, message: str, parts: str) -> list[Any]:
         names = ["" if part.strip() == "none" else part.strip() for part in parts.split(",")]
-        reply = ANY if message_class == "query" else ""
-        declared = MessageFormat(message, MessageClass(message_class), ANY, reply, names)
+        reply = INTEGER if message_class == "query" else ""
+        declared = MessageFormat(message, MessageClass(message_class), INTEGER, reply, names)
         return self.player.request(name, headers.Register, [declared])
 
     def tap(self, name: str, condition: str, place: str, listener: str, options: str) -> list[Any]:

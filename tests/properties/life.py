@@ -3,7 +3,7 @@
 import random
 from typing import Any, Self
 
-from central.player import ANY, Player, before, point
+from central.player import INTEGER, Player, before, point
 from hypothesis import strategies as st
 from sampling import lives
 
@@ -110,7 +110,7 @@ class Life:
         for module in self.modules:
             self.join(module)
         for name, (message_class, parts) in MONITORS.items():
-            declared = MessageFormat(name, MessageClass(message_class), ANY, "", parts)
+            declared = MessageFormat(name, MessageClass(message_class), INTEGER, "", parts)
             self.request(headers.Register, [declared])
 
     @property

@@ -34,7 +34,7 @@ def test_observer_of_long_chain_searches_no_ancestors(
     bench.grow(2_000, deep=True)
     monkeypatch.setattr(Task, "find_above", lambda task, _: looked.append(task.id))
     bench.event(USER, Observe(bench.next(), below=TaskId(bench.top)))
-    assert len(bench.central.observers.others) == 1
+    assert len(bench.central.observers.of_many) == 1
     assert not looked
 
 

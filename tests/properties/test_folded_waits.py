@@ -6,7 +6,7 @@ of random lives.
 from collections.abc import Iterable
 
 import pytest
-from central.player import ANY, before, point
+from central.player import INTEGER, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.blocking import Blocking, Steps
@@ -232,7 +232,7 @@ def player() -> ComparedPlayer:
         "goal step",
         "inform note",
     )
-    guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, ANY, "", ["", "note", ""])
+    guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, INTEGER, "", ["", "note", ""])
     player.request("user", headers.Register, [guard])
     return player
 
@@ -264,7 +264,9 @@ def test_retried_task_waits_for_running_setup_of_killed_monitor(
     player: ComparedPlayer,
 ) -> None:
     player.module("arm", "command grip")
-    careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["grip", "note", ""])
+    careful = MessageFormat(
+        "careful", MessageClass.DEMON_MONITOR, INTEGER, "", ["grip", "note", ""]
+    )
     player.request("user", headers.Register, [careful])
     move = player.task("user", "move")
     player.task("legs/1", "careful", under=move, watch=WatchOptions())
@@ -297,7 +299,7 @@ def test_task_queued_for_retry_does_not_wait_for_new_subtask(
 
 
 def test_retried_monitor_waits_for_its_earlier_setup(player: ComparedPlayer) -> None:
-    guard = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
+    guard = MessageFormat("careful", MessageClass.DEMON_MONITOR, INTEGER, "", ["move", "note", ""])
     player.request("user", headers.Register, [guard])
     careful = player.task("user", "careful", watch=WatchOptions())
     retry(player, careful)
@@ -339,7 +341,9 @@ def test_retried_task_does_not_wait_for_ended_exception_handler(
 
 @pytest.mark.parametrize("is_later", [False, True])
 def test_retry_spares_killed_foreign_monitor(player: ComparedPlayer, is_later: bool) -> None:
-    careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
+    careful = MessageFormat(
+        "careful", MessageClass.DEMON_MONITOR, INTEGER, "", ["move", "note", ""]
+    )
     player.request("user", headers.Register, [careful])
     guard = player.task("user", "guard", watch=WatchOptions(waited_for=True))
     spared = player.task("user", "careful", under=guard, origin=0, watch=WatchOptions())

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from central.player import ANY, Player, before, point, reachable
+from central.player import INTEGER, Player, before, point, reachable
 from central.test_random_lives import end_life
 from hypothesis import example, given, settings
 from properties.life import Life, Operations, operations
@@ -74,7 +74,7 @@ class LongTask:
         self.player.module("legs", "command move", "query clear", "inform note", capacity=3)
         self.player.module("user")
         self.player.declare("user", "command move")
-        guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, ANY, "", ["", "note", ""])
+        guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, INTEGER, "", ["", "note", ""])
         self.ask(headers.Register, [guard])
         self.task = self.player.task("user", "move")
 

@@ -30,7 +30,7 @@ from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, Tro
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome
 
-ANY = '{"type":"integer"}'
+INTEGER = '{"type":"integer"}'
 encode = msgspec.msgpack.encode
 
 WORDS = {
@@ -44,11 +44,13 @@ WORDS = {
     "variable": ("mode",),
 }
 FORMATS = {
-    name: MessageFormat(name, kind, ANY, ANY if kind.has_reply or kind.only_acts else "")
+    name: MessageFormat(name, kind, INTEGER, INTEGER if kind.has_reply or kind.only_acts else "")
     for kind in MessageClass
     for name in WORDS.get(kind, ())
 }
-FORMATS["watch"] = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "note"])
+FORMATS["watch"] = MessageFormat(
+    "watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["where", "note"]
+)
 MODULES: dict[str, dict[str, tuple[str, ...]]] = {
     "planner": {"planning": ("walk", "step")},
     "legs": {"legs": ("move", "lift", "stance"), "diary": ("note",)},

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from central.player import ANY, Player, before, point
+from central.player import INTEGER, Player, before, point
 from central.transcript import Transcript
 
 from tca_tools.check.checked_run import CheckedRun
@@ -48,7 +48,7 @@ def _join(player: Player) -> None:
     player.module("maps", "multi-query all", "broadcast pose", "variable mode")
     player.module("expert", "exception handler recover")
     player.module("user")
-    monitor = MessageFormat("look", MessageClass.POINT_MONITOR, ANY, "", ["where", "note"])
+    monitor = MessageFormat("look", MessageClass.POINT_MONITOR, INTEGER, "", ["where", "note"])
     player.request("user", headers.Register, [monitor])
     player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "check", "move", TaskId(0))
     player.request("user", headers.Attach, Attachment("slipped", "recover", 1), TaskId(0), "move")

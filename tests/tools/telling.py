@@ -191,7 +191,7 @@ def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> li
     return ["; ".join(filter(None, parts))]
 
 
-def coped(run: Run, number: int, at: float) -> list[str]:
+def continued(run: Run, number: int, at: float) -> list[str]:
     return [str(has_run_survived(run, run.messages[number], at))]
 
 
@@ -442,7 +442,7 @@ QUESTIONS: dict[str, Callable[..., list[str]]] = {
     "chain": chain,
     "failures": all_failures,
     "fate": fate_of,
-    "coped": coped,
+    "continued": continued,
     "path": path,
     "shares": path_shares,
     "waits": waits,

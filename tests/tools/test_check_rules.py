@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from central.player import ANY, Player
+from central.player import INTEGER, Player
 from central.test_prefetched_messages import Ears, trust_every_handler
 from central.test_prefetched_messages import deliveries as got
 from central.transcript import Transcript
@@ -147,7 +147,7 @@ def test_wait_without_its_begin_or_end_is_found(missing: type[facts.Fact]) -> No
 
 def test_monitor_that_outlasts_its_watched_task_is_found() -> None:
     player = Player.of("planner: goal walk", "eye: query seen", "user")
-    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["seen", ""])
     player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk")
     monitor = player.task("planner/1", "watch", under=walk, watch=WatchOptions(5.0))

@@ -121,7 +121,7 @@ def test_deep_tree_keeps_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) ->
     assert all("step {" in line for line in lines[2:])
 
 
-# --- failures raised beside the handler -----------------------------------------------------------
+# --- failures raised from outside the handler -----------------------------------------------------------
 
 
 def test_chart_marks_failures_raised_beside_the_handler() -> None:
@@ -134,11 +134,11 @@ def test_chart_marks_failures_raised_beside_the_handler() -> None:
     )
     picture = svg_text(drawn, "late")
     assert mark.title.replace("'", "&#x27;") in picture
-    assert "failure raised beside the handler" in picture
+    assert "failure raised from outside the handler" in picture
     lines = list(chart_lines(drawn, 100))
     axis, handled, queued, *_ = (line for line in lines if "!" in line or "~" in line)
     assert axis.startswith("legs")
-    assert lines[-1].endswith("handled") or "raised beside the handler" in lines[-1]
+    assert lines[-1].endswith("handled") or "raised from outside the handler" in lines[-1]
     assert handled != queued
 
 

@@ -85,7 +85,7 @@ def test_narrow_failed_bars_have_flags_above_their_row() -> None:
 
 
 def test_legend_lists_flags_in_their_colours() -> None:
-    looks = ('class="flag-failed"', 'class="flag-coped"')
+    looks = ('class="flag-failed"', 'class="flag-handled"')
     for story, seen in ((made("asking"), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
         assert tuple(map(drawn(story).count, looks)) == seen
 
@@ -142,7 +142,7 @@ def oklab(colour: str) -> list[float]:
 
 def test_message_colours_differ_from_colours_with_a_meaning() -> None:
     """No colour looks red, amber or grey, and each one leaves its text legible."""
-    amber = re.findall(r"\.ink-coped[^#]*(#\w+)", STYLE)[0]
+    amber = re.findall(r"\.ink-handled[^#]*(#\w+)", STYLE)[0]
     assert len({dark(number) for number in range(40)}) == 40
     for number in range(200):
         red, green, blue = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))

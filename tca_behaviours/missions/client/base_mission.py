@@ -61,7 +61,8 @@ class BaseMission:
             name: the mission's name in the tree. Default: the name of the program.
             central: where central listens. Default: ``$TCA_CENTRAL``, else the default socket.
             patience: how many seconds to wait for the server. Default: 10.
-            under: a task, in its handler, for the mission's tasks. Default: None, a new goal.
+            under: the task whose handler runs the mission; the mission's tasks stand below it.
+                Default: None, a new goal.
             leave_running: whether the tasks outlive the mission or its crash. Default: False.
             checkpoint: the file in which ``step`` records completed steps. Default: None, no steps.
         """

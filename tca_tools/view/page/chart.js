@@ -301,7 +301,7 @@ export class Chart {
     if (nameEnd > nowX) this.futureNames.push(() => write(Math.max(x, nowX), x + wide, ink));
   }
 
-  // Draw a stroke across the bar, with a flag, at a failure that was raised beside the handler or at a client's request.
+  // Draw a stroke across the bar, with a flag, at a failure that was raised from outside the handler or at a client's request.
   #drawInstant({ time, span }, colour, { top, heldLanes, handledLanes, queuedLanes, queuedStep }) {
     const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? queuedStep - 2 : LANE - 2;
     if (x < this.labelWidth || x > this.width) return;
