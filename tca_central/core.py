@@ -102,12 +102,10 @@ class Central(State):
             _output(agenda.only_background_left, partial(monitors.end_background_monitors, self)),
             _output(agenda.withdrawn, self._withdraw),
             _output(agenda.ended, self._on_ended),
-            _output(agenda.unanswered, partial(changes.apply_defaults, self)),
+            _output(agenda.with_undecided_requests, partial(changes.apply_defaults, self)),
             _output(agenda.ended_waits, self._end_wait),
             _output(self.dispatcher.granted, partial(claims.on_granted, self)),
-            _output(
-                self.dispatcher.waiting_for_custom_handler, partial(busy.on_handler_busy, self)
-            ),
+            _output(self.dispatcher.waiting_for_busy_handler, partial(busy.on_handler_busy, self)),
             _output(
                 self.dispatcher.displaced,
                 lambda displaced: replying.report_displaced(self, *displaced),
@@ -231,7 +229,7 @@ class Central(State):
             if kind.drops_wrong_origin and not self.origin and origin in self.dispatcher.running:
                 # Another module handles *origin*: the request counts as one without origin.
                 header = msgspec.structs.replace(header, origin=0)
-            connection.known_until = self.clock.now
+            connection.acts_known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
             if self.lost_ids:
@@ -332,7 +330,7 @@ class Central(State):
                 agenda.advance_all()
             if any(self._output_queues):
                 self._handle_outputs()
-            elif dispatcher.serving_before:
+            elif dispatcher.old_serving_counts:
                 availability.publish_changes(self)
             elif agenda.startable:
                 self._start_all()
@@ -567,7 +565,7 @@ TIMERS: dict[Due, Callable[[Central, Never], None]] = {
     Due.DEADLINE: steering.on_time_out,
     Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,
-    Due.WATCHED: monitors.on_watched,
+    Due.MONITOR_OVER: monitors.on_duration_over,
     Due.HUNG: joining.on_hung,
     Due.CLAIM: claims.on_time_out,
     Due.LOOK: deadlocks.on_search_due,

@@ -145,9 +145,9 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     that second.
     """
     aside: int = 0
-    """Number of journal entries that were moved aside.
+    """Number of journal entries that were moved to another file.
 
-    A replay of the inputs did not give these entries.
+    The replay of the inputs did not produce these entries.
     """
 
 

@@ -65,7 +65,7 @@ class Waits(Present):
         numbers = (number, *others)
         wait = Blocking(origin, self.event_count, self.clock.now, numbers if others else ())
         if brief:
-            connection.brief_waits.update(dict.fromkeys(numbers, wait))
+            connection.unchecked_waits.update(dict.fromkeys(numbers, wait))
         else:
             self._block(connection, numbers, wait)
 
@@ -86,9 +86,9 @@ class Waits(Present):
 
     def unblock(self, connection: Connection, number: int) -> None:
         """End the wait for request *number*, and for the other requests that share the wait."""
-        if (wait := connection.brief_waits.pop(number, None)) is not None:
+        if (wait := connection.unchecked_waits.pop(number, None)) is not None:
             for other in wait.together:
-                connection.brief_waits.pop(other, None)
+                connection.unchecked_waits.pop(other, None)
         elif (wait := connection.waits.pop(number, None)) is not None:
             for other in wait.together:
                 connection.waits.pop(other, None)

@@ -344,7 +344,7 @@ class State(Waits):
         if not observation.is_awaited:
             return
         connection, number = observation.connection, observation.number
-        wait = connection.brief_waits.get(number) or connection.waits.get(number)
+        wait = connection.unchecked_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
         # A blocked thread may have waited for several observations. One change ends all its waits.
         # A coroutine's wait ends alone: other coroutines may still wait for those observations.
@@ -407,7 +407,7 @@ class State(Waits):
         self, connection: Connection, number: int, header: ToModule, body: bytes = b""
     ) -> None:
         """Answer a request for good, and store the answer in case the request is repeated."""
-        if connection.waits or connection.brief_waits:
+        if connection.waits or connection.unchecked_waits:
             self.unblock(connection, number)
         if connection.unconfirmed:
             self.confirm_tasks(connection)
@@ -427,7 +427,7 @@ class State(Waits):
 
     def set_limits(self, limits: LimitsSet) -> None:
         """Apply new limits. Stored answers beyond a limit are forgotten; all else stays."""
-        self.budget.share(limits.memory)
+        self.budget.split(limits.memory)
         self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
         self.answers.most = self.budget.answers
         self.answers.evict()

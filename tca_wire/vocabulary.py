@@ -36,7 +36,7 @@ class MessageClass(_WithTraits):
     """A wiretap, a monitor or a kill may send it."""
     has_condition: bool
     """It is a monitor that asks a query; other monitors are fired by modules."""
-    is_outside_sequence: bool
+    is_interval_monitor: bool
     """It is a monitor that watches over its siblings: it is not ordered with them."""
     handles_failures: bool
     """It is attached to tasks, not sent."""
@@ -54,9 +54,9 @@ class MessageClass(_WithTraits):
         "is_task",
         "is_monitor",
         "has_condition",
-        "is_outside_sequence",
+        "is_interval_monitor",
     )
-    DEMON_MONITOR = "demon monitor", "is_task", "is_monitor", "is_outside_sequence"
+    DEMON_MONITOR = "demon monitor", "is_task", "is_monitor", "is_interval_monitor"
     VARIABLE = "variable", "fans_out", "keeps_value"
 
     @property
@@ -176,7 +176,7 @@ class Due(StrEnum):
     DEADLINE = "deadline"  # a task's point should have been reached
     KILL = "kill"  # a planned kill is due
     TEST = "test"  # a polling monitor tests its condition
-    WATCHED = "watched"  # the duration of a monitor is over
+    MONITOR_OVER = "watched"  # the duration of a monitor is over
     LOOK = "look"  # check blocked handlers for deadlocks
     GRACE = "grace"  # after a restart: connections that have not come back are lost
     HUNG = "hung"  # a handler without a waiting sender should have returned

@@ -91,13 +91,15 @@ def start(central: State, task: Task) -> None:
     central.agenda.tap_events.append((task, DELIVERED))
     options, message_class = watch.options, task.message.message_class
     if options.duration:
-        watch.timers[Due.WATCHED] = central.clock.after(options.duration, Due.WATCHED, watch)
+        watch.timers[Due.MONITOR_OVER] = central.clock.after(
+            options.duration, Due.MONITOR_OVER, watch
+        )
     if options.until is not None and not _register_end_point(central, watch, options.until):
         return
     if not message_class.has_condition:
         if (set_up := watch.parts[_FIRST]) is not None:
             make(central, set_up, data_for(set_up, task.body), task, Role.SET_UP, context=watch)
-    elif message_class.is_outside_sequence and options.initial_wait:
+    elif message_class.is_interval_monitor and options.initial_wait:
         _test_later(central, watch)
     else:
         _test(central, watch)
@@ -150,7 +152,7 @@ def _test_if_owed(central: State, watch: Watch) -> bool:
     The test starts the monitor's period again. A suspended polling monitor makes the test when it
     is resumed. If the condition can't be asked, the next period makes the test.
     """
-    if not watch.tests_owed or (watch.task.message.is_outside_sequence and watch.task.suspended):
+    if not watch.tests_owed or (watch.task.message.is_interval_monitor and watch.task.suspended):
         return False
     watch.periods_from = central.clock.now
     _test(central, watch)
@@ -169,10 +171,10 @@ def _test(central: State, watch: Watch) -> None:
     """Ask a monitor's condition, and schedule a polling monitor's next test."""
     query, task = watch.parts[_FIRST], watch.task
     assert query is not None
-    if task.message.is_outside_sequence:
+    if task.message.is_interval_monitor:
         _test_later(central, watch)
     if why := reason_to_refuse(central, query, data_for(query, task.body)):
-        if not task.message.is_outside_sequence:  # a point monitor has no later test
+        if not task.message.is_interval_monitor:  # a point monitor has no later test
             stop_watching(central, watch, "its condition could not be asked")
             text = f"its condition '{query.name}' could not be asked: {why}"
             fail_task(central, task, RaisedFailure(OVERLOAD, text))
@@ -194,7 +196,7 @@ def on_condition_answered(
     """
     watch.condition = None
     task = watch.task
-    is_point = not task.message.is_outside_sequence
+    is_point = not task.message.is_interval_monitor
     if answer.outcome is not Outcome.DONE:
         text = f"its condition: {answer.text}" if answer.text else "its condition failed"
         failure = RaisedFailure(answer.failure, text, body, kinds)
@@ -316,7 +318,7 @@ def on_end_monitor(
     central.accept(connection, header.number, header.monitor)
 
 
-def on_watched(central: State, watch: Watch) -> None:
+def on_duration_over(central: State, watch: Watch) -> None:
     """End a monitor that has watched for its full duration."""
     end_monitor(central, watch, f"it has watched for {watch.options.duration:g} s")
 

@@ -10,8 +10,9 @@ Three decisions deal with a failure: a retry of the failing task or of a task ab
 such a task, and ``resolved()``. ``resolved()`` takes effect when the handler's task has ended. In
 all other cases the search continues above the handler. It continues at once when the handler
 reissues the failure. It also continues at once when the handler itself fails with a failure in
-``NOT_BY_CHOICE``, such as "timeout", and no exception handler deals with that failure. Otherwise
-the search continues when the handler's task has ended.
+``NOT_BY_CHOICE``, such as "timeout", and no exception handler deals with that failure. Any other
+failure of the handler itself that remains unhandled is a decision, too: the top-level task ends.
+Otherwise the search continues when the handler's task has ended.
 """
 
 from collections import Counter
@@ -246,8 +247,8 @@ def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task |
 
     If the failing task is part of an exception handler that could not decide, kill that handler
     instead. Return the handler if the search must continue above it. A handler that fails by choice
-    has decided. The search continues nevertheless if another exception handler has asked for a
-    retry of a task above.
+    has decided to end the top-level task. The search continues nevertheless if another exception
+    handler has asked for a retry of a task above.
     """
     handlers_above = task.exception_handlers_up()
     undecided = handlers_above[0] if handlers_above else None
@@ -293,8 +294,8 @@ def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: 
     """End the top-level task, and report the failure to its sender."""
     *_, top = task.lineage()
     handlers_above = task.exception_handlers_up()
-    is_of_its_handler = any(one.parent is top for one in handlers_above)
-    if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
+    is_under_its_handler = any(one.parent is top for one in handlers_above)
+    if top is not task and (top.failure is None or top.is_dealt_with or is_under_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
         central.tree.set_failure(top, (failure.name, text, failure.body))
     kill(central, top, verdict)

@@ -52,13 +52,13 @@ class Budget(Stored):
     )
 
     def __init__(self, total: int = MEMORY) -> None:
-        self.share(total)
+        self.split(total)
         self.tap_depth, self.task_depth = TAP_DEPTH, TASK_DEPTH
         self.collector_bytes = 0  #: bytes of failures that multi-queries in progress hold
         self.presence_bytes = 0  #: bytes of waits for handlers (``PresenceWait``)
         self.refused = 0  #: number of requests refused, and informs dropped, for a full part
 
-    def share(self, total: int) -> None:
+    def split(self, total: int) -> None:
         """Split *total* bytes among the parts."""
         self.total = total
         self.messages = total // 2  #: queued and handled messages, tasks, and constraints

@@ -98,11 +98,11 @@ class Asker(ConnectionIdentity):
     __slots__ = (
         "answer_bytes",
         "answers",
-        "brief_waits",
         "last_number",
         "lost_claims",
         "outstanding",
         "tasks",
+        "unchecked_waits",
         "unconfirmed",
         "waits",
     )
@@ -121,7 +121,7 @@ class Asker(ConnectionIdentity):
         #: (request, task) of tasks whose ids central has not sent to this connection.
         self.unconfirmed: list[tuple[int, TaskId]] = []
         self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
-        self.brief_waits: dict[int, Blocking] = {}  #: by request: too short for a deadlock
+        self.unchecked_waits: dict[int, Blocking] = {}  #: by request: not checked for deadlocks
         #: By request: revoked claims of which its module has not been notified.
         self.lost_claims: dict[int, LostClaim] = {}
 
@@ -137,10 +137,10 @@ class Slot(Asker):
     """The handling of messages by a connection: one thread of a resource."""
 
     __slots__ = (
+        "acts_known_until",
         "handling",
         "hang_timers",
         "hung_after",
-        "known_until",
         "maybe_unstarted",
         "next_began_at",
         "prefetch",
@@ -159,10 +159,10 @@ class Slot(Asker):
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
         self.maybe_unstarted: Delivery | None = None
-        #: When it began the message that it has prefetched next, by its report (0: not reported).
+        #: When it began the first of its prefetched messages, by its report (0: not reported).
         self.next_began_at = 0.0
-        #: Central knows what the slot did until this time. Reported times count as no earlier.
-        self.known_until = 0.0
+        #: Central knows what the slot did until this time. Earlier reported times are raised to it.
+        self.acts_known_until = 0.0
         #: Seconds after which a handler that is no longer needed counts as hung (0: never)
         self.hung_after = 0.0
         #: By delivery: the timers of handlers that should return soon.
@@ -177,9 +177,9 @@ class Slot(Asker):
     def to_central_time(self, now: float, ago: float) -> float:
         """Return central's time of an event that was *ago* seconds ago by the connection's clock.
 
-        The result is between ``known_until`` and *now*.
+        The result is between ``acts_known_until`` and *now*.
         """
-        return min(now, max(self.known_until, now - ago))
+        return min(now, max(self.acts_known_until, now - ago))
 
 
 class Connection(Slot):
@@ -292,8 +292,8 @@ class Declared(Stored):
         "format",
         "initial_state",
         "is_goal",
+        "is_interval_monitor",
         "is_notice",
-        "is_outside_sequence",
         "message_class",
         "name",
         "parts",
@@ -313,7 +313,7 @@ class Declared(Stored):
         self.is_goal = declared.message_class.is_goal
         cycle = self.life_cycle
         self.initial_state, self.running_state = cycle.initial, cycle.accepted.target
-        self.is_outside_sequence = declared.message_class.is_outside_sequence
+        self.is_interval_monitor = declared.message_class.is_interval_monitor
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out
         self.first_declared_by = by
@@ -463,14 +463,14 @@ class AttachedHandler(Stored):
         self.maximum = maximum  #: number of calls allowed per task; 0: any number
         self.place = place  #: the task or message that it is attached to
         self.by = by  #: own name of the module that attached it
-        #: By name: the run that attached it last, and copies that had attached the same before.
+        #: By module name: the programs' copies that have attached the same, the newest last.
         self.holders: dict[str, Holder] = {}
 
 
 class Wiretap(Stored):
     """A wiretap: it sends its listener at an event, or before a moment of the tapped task.
 
-    A start is held until the listener has ended the same interval, such as its planning.
+    Before a start, the tapped task waits until the listener has ended its own such interval.
     """
 
     __slots__ = (
@@ -524,7 +524,7 @@ class Queued(Stored):
         #: When its present wait (for its start, a slot or a handler) or its handling began.
         self.since = 0.0
         self.ticket = 0  #: queue entries with another ticket are void
-        #: The resources in whose queues it waits; () if it waits for any handler; else None.
+        #: The resources in whose queues it waits; () without a handler; None: in no queue.
         self.queues: tuple[ModuleResource, ...] | None = None
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: whether it is handled inside a wait of its slot, beyond the capacity

@@ -249,7 +249,7 @@ def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
 
 def is_outside_sequence(task: Task) -> bool:
     """Whether a task is outside the sequence of its siblings, so that flags never refer to it."""
-    return bool(task.role) or task.message.is_outside_sequence
+    return bool(task.role) or task.message.is_interval_monitor
 
 
 def _newest_child(parent: Task) -> Task | None:

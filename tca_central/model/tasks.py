@@ -62,7 +62,7 @@ class Node(Delivery):
         #: By id: the children that are background monitors.
         self.background_monitors: dict[int, Task] | None = None
         self.unplanned = 0  #: number of children whose planning has not ended
-        #: The child to which the constraint flags of the next child refer.
+        #: The newest child in the sequence: ``Flags`` put the next child behind it.
         self.last_child: Task | None = None
         #: By id: the living children to which flags may refer. Built when a ``last_child`` is
         #: killed for the first time, to find the child before it; None until then.
@@ -177,7 +177,7 @@ class Task(Ordered):
 
     @property
     def is_foreign_monitor(self) -> bool:
-        """Whether this is a monitor that the handling of its parent has not sent.
+        """Whether this is a monitor that was not sent by its parent's handling.
 
         A retry of the parent does not end such a monitor.
         """

@@ -297,7 +297,7 @@ def _needs_of_test(monitor: Task) -> Groups:
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
         return
-    answer, is_point = _current_node(watch.condition), not monitor.message.is_outside_sequence
+    answer, is_point = _current_node(watch.condition), not monitor.message.is_interval_monitor
     if answer is None or not (is_point or watch.options.maximum):
         return
     ends: list[Node] = [answer]

@@ -238,7 +238,7 @@ def _waits_of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
     if slot is None:
         return
     begun_in = slot.handling[delivery]
-    for number, wait in chain(slot.waits.items(), slot.brief_waits.items()):
+    for number, wait in chain(slot.waits.items(), slot.unchecked_waits.items()):
         is_nested = wait.since > begun_in
         if wait.origin == delivery.handling_id if wait.is_coroutine else is_nested:
             yield from _waits_of_request(central, slot, number, is_first=False)

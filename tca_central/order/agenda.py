@@ -56,8 +56,8 @@ class Agenda(Stored):
         "taps_to_fire",
         "to_advance",
         "tree",
-        "unanswered",
         "wait_count",
+        "with_undecided_requests",
         "withdrawn",
     )
 
@@ -68,7 +68,7 @@ class Agenda(Stored):
         self.to_advance: deque[Task] = deque()  #: tasks that may have become able to advance
         self.startable: deque[Task] = deque()  #: tasks that may be given to a handler
         #: Tasks whose handlers returned without answering clients' requests.
-        self.unanswered: deque[Task] = deque()
+        self.with_undecided_requests: deque[Task] = deque()
         self.withdrawn: deque[tuple[Task, bool]] = deque()
         """Tasks that may not start now, so they must leave their queues.
 
@@ -168,8 +168,8 @@ class Agenda(Stored):
         """Reach the first moments of a task that was given to a handler."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
-            # A goal's achieving may start now. A monitor that a request has ended before it began
-            # counts as returned: it may end now.
+            # A goal's achieving may start now. A monitor that was ended by a request before its
+            # start counts as returned: it may end now.
             if task.is_goal or task.returned:
                 self.to_advance.append(task)
         self._recheck_parent(task)
@@ -182,7 +182,7 @@ class Agenda(Stored):
     def mark_returned(self, task: Task) -> None:
         """Record that the task's handler has returned for good."""
         if task.clients is not None and task.clients.asked:
-            self.unanswered.append(task)
+            self.with_undecided_requests.append(task)
         task.returned = True
         self.to_advance.append(task)
 
@@ -192,7 +192,7 @@ class Agenda(Stored):
         if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
             task.tapping.fire_again(tap.id for tap in taps_of(task) if tap.held_moment & to_come)
-        self.restart(task)
+        self.recheck_restart(task)
         self._recheck_parent(task)
 
     def end_or_retry(self, task: Task) -> bool:
@@ -225,7 +225,7 @@ class Agenda(Stored):
                 self._withdraw(task)
             self.to_advance.append(task)
 
-    def restart(self, task: Task) -> None:
+    def recheck_restart(self, task: Task) -> None:
         """Remove a started task from its queues, and check whether it may be handled again."""
         if task.queues is not None:
             self.withdrawn.append((task, False))
@@ -367,8 +367,8 @@ class Agenda(Stored):
         """Whether all conditions for the delivery of a task are met."""
         if task.suspended or (task.retry_pending and not task.may_be_handled_again):
             return False
-        # Holds on a first start of handling are holds on ``delivered_at``. A retried task is past
-        # that moment: only there, listeners hold START_HANDLING.
+        # Before the first delivery, START_HANDLING is held through ``delivered_at``. A retried
+        # task has passed that moment: its listeners hold START_HANDLING itself.
         if task.held and is_held(task, START_HANDLING):
             return False
         if task.planning_delayed and not self._may_reach(task, START_ACHIEVING):

@@ -7,9 +7,9 @@ within a task, and the rules for parent and child. A parent starts before each o
 ends after all of them.
 
 A background monitor may watch until everything else under its parent has ended (decision 42). The
-moment ``REST_ENDED`` of the parent stands for that end. Without this moment, a thousand siblings
-and a hundred monitors would make a hundred thousand edges. The graph of needs (needs/) does not use
-``REST_ENDED``, because a limit or a request may end the monitor sooner.
+moment ``NON_MONITORS_ENDED`` of the parent stands for that end. Without this moment, a thousand
+siblings and a hundred monitors would make a hundred thousand edges. The graph of needs (needs/)
+does not use it, because a limit or a request may end the monitor sooner.
 
 Large subtrees are skipped. A path leaves a subtree only at the ends of the subtree's top task, or
 along a constraint between tasks that are not siblings. Such constraints are rare.
@@ -49,11 +49,11 @@ counts as a constraint on the end of handling and the end of planning.
 """
 
 
-REST_ENDED = ALL_MOMENTS + 1
+NON_MONITORS_ENDED = ALL_MOMENTS + 1
 """A further moment of a task: everything under the task has ended, except background monitors.
 
-New children may arrive while the task is being achieved. So ``REST_ENDED`` comes after the task's
-start of achieving.
+New children may arrive while the task is being achieved. So this moment comes after the start
+of achieving.
 """
 
 
@@ -187,7 +187,11 @@ class SubtreesToEnter:
         if task in self._behind:
             return True
         # Only paths through children lead back to the start of achieving, except from its end.
-        if moment in (END_ACHIEVING, REST_ENDED) or not task.is_goal or task.planning_delayed:
+        if (
+            moment in (END_ACHIEVING, NON_MONITORS_ENDED)
+            or not task.is_goal
+            or task.planning_delayed
+        ):
             return False
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
 
@@ -327,14 +331,15 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
 
 
 def all_before(tree: TaskTree, place: Place, *, below: bool = True) -> Iterator[Place]:
-    """Yield the points that a point waits for, directly or through ``REST_ENDED``."""
+    """Yield the points that a point waits for, directly or through ``NON_MONITORS_ENDED``."""
     return chain(predecessors(tree, place, below=below), _before_by_all_else(*place, below=below))
 
 
 def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     """Yield the points that come after a moment only because of background monitors.
 
-    These watch until all else has ended: the edges lead through ``REST_ENDED`` of their parent.
+    These watch until all else has ended. So the edges lead through ``NON_MONITORS_ENDED`` of
+    their parent.
     """
     if moment == START_ACHIEVING:
         yield from _all_else(task)
@@ -343,7 +348,7 @@ def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Plac
             yield from _all_else(task.parent)
         for retried in retried_by(task):
             yield from _all_else(retried)
-    elif moment == REST_ENDED and below:
+    elif moment == NON_MONITORS_ENDED and below:
         for monitor in (task.background_monitors or {}).values():
             if not monitor.killed:
                 yield from (Place(monitor, END_HANDLING), Place(monitor, END_ACHIEVING))
@@ -352,13 +357,13 @@ def _after_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Plac
 
 def _before_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     """Yield the points that come before a moment only because of background monitors."""
-    if moment == REST_ENDED:
+    if moment == NON_MONITORS_ENDED:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()
         yield from (Place(child, END_ACHIEVING) for child in children if not child.is_background)
         yield from (Place(handler, END_ACHIEVING) for handler in _retry_requesters(task))
     if (
-        moment in (END_HANDLING, END_ACHIEVING, REST_ENDED)
+        moment in (END_HANDLING, END_ACHIEVING, NON_MONITORS_ENDED)
         and task.is_background
         and not task.killed
     ):
@@ -366,12 +371,12 @@ def _before_by_all_else(task: Task, moment: int, *, below: bool) -> Iterator[Pla
 
 
 def _all_else(task: Task | None) -> Iterator[Place]:
-    """Yield ``REST_ENDED`` of a task, if it has background monitors.
+    """Yield ``NON_MONITORS_ENDED`` of a task, if it has background monitors.
 
     Yield nothing for the root: its monitors do not end when all else under the root has ended.
     """
     if task is not None and task.background_monitors and task.id != ROOT:
-        yield Place(task, REST_ENDED)
+        yield Place(task, NON_MONITORS_ENDED)
 
 
 def _retry_requesters(task: Task) -> Iterable[Task]:

@@ -60,12 +60,12 @@ class Dispatcher(Stored):
         "displaced",
         "granted",
         "handler_count",
+        "old_serving_counts",
         "prefetcher",
         "running",
-        "serving_before",
         "stranded",
         "to_refill",
-        "waiting_for_custom_handler",
+        "waiting_for_busy_handler",
     )
 
     def __init__(
@@ -79,7 +79,7 @@ class Dispatcher(Stored):
         self.bytes = 0  #: bytes of all deliveries that are not tasks
         self.handler_count = 0  #: number of handlers of all messages
         #: By message whose number of serving handlers has changed: the number before.
-        self.serving_before: dict[MessageType, int] = {}
+        self.old_serving_counts: dict[MessageType, int] = {}
         self.to_refill: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may admit a message or claim, each with the slot that became free or None.
 
@@ -87,8 +87,8 @@ class Dispatcher(Stored):
         may kill or hold the next message.
         """
         self.granted: deque[ModuleClaim] = deque()  #: claims just granted
-        #: Tasks that wait for a handler which decides about them itself (``Handler.is_custom``)
-        self.waiting_for_custom_handler: deque[Delivery] = deque()
+        #: Queued tasks whose handler may have declared what happens to them while it is busy
+        self.waiting_for_busy_handler: deque[Delivery] = deque()
         #: Deliveries that a pending limit has displaced, each with the reason as a text.
         self.displaced: deque[tuple[Delivery, str]] = deque()
         #: Exception handlers that wait although no module handles their message.
@@ -115,7 +115,7 @@ class Dispatcher(Stored):
         if slot is None:
             self._queue(delivery, resources)
             if delivery.message.custom_handlers and delivery.is_task:
-                self.waiting_for_custom_handler.append(delivery)
+                self.waiting_for_busy_handler.append(delivery)
         else:
             self._assign_nested(delivery, slot)
 
@@ -227,7 +227,7 @@ class Dispatcher(Stored):
             self._clock.cancel(slot.hang_timers.pop(delivery.handling_id, None))
         del slot.handling[delivery]
         slot.maybe_unstarted = None
-        slot.known_until = ended
+        slot.acts_known_until = ended
         if delivery.nested:
             delivery.nested = False
         elif (resource := slot.resource) is not None:
@@ -467,7 +467,7 @@ class Dispatcher(Stored):
 
     def _change_serving(self, message: MessageType, change: int) -> None:
         """Adjust a message's number of serving handlers: those whose resource has a slot."""
-        self.serving_before.setdefault(message, message.serving)
+        self.old_serving_counts.setdefault(message, message.serving)
         message.serving += change
 
     def add_handler(self, handler: Handler) -> None:

@@ -17,7 +17,7 @@ from tca_central.model.intervals import checked_moment, unified
 from tca_central.model.stored import Stored
 from tca_central.model.task_tree import TaskTree
 from tca_central.model.tasks import Scheduled, Task
-from tca_central.order.cycles import REST_ENDED, Place, find_path
+from tca_central.order.cycles import NON_MONITORS_ENDED, Place, find_path
 from tca_wire.constraints import (
     Constraint,
     Flags,
@@ -125,7 +125,7 @@ class Holds(Stored):
         if leader is None or is_met:
             return [self._delay(constraint, task, moment)]
         self._refuse_cycles(constraint, follower, leader)
-        if constraint.delay:  # as the graph has it: ``TimedOut`` will name these moments
+        if constraint.delay:  # with the moments of the graph: ``TimedOut`` names them
             constraint = _constraint(*leader, task, moment, constraint.delay)
         self.hold(*leader, task, moment, constraint.delay)
         inherited = self.inherit(*leader, task, moment) if leader.task.killed else []
@@ -214,7 +214,7 @@ class Holds(Stored):
     def _refuse_cycle(self, constraint: Constraint, follower: Place, leader: Place) -> None:
         """Raise RequestError if a constraint's *follower* must already come before its *leader*."""
         if (path := find_path(self.tree, follower, leader)) is not None:
-            points = [place for place in (*path, path[0]) if place.moment != REST_ENDED]
+            points = [place for place in (*path, path[0]) if place.moment != NON_MONITORS_ENDED]
             cycle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
             if (more := len(cycle) - 9) > 0:
                 cycle[4:-5] = [f"... {more} more ..."]
@@ -496,7 +496,7 @@ def _ending(killed: list[Task]) -> dict[Task, None]:
 def _monitor_advice(path: list[Place]) -> str:
     """Return advice for a cycle that passes through a background monitor; "" for others."""
     for place, monitor in reversed(list(pairwise(path))):
-        if place.moment == REST_ENDED:
+        if place.moment == NON_MONITORS_ENDED:
             until = f"until all else under {place.task} has ended"
             advice = "If it will end earlier, send it waited_for=True"
             return f": {monitor.task} may watch {until}. {advice}"

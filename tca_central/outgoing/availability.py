@@ -113,10 +113,10 @@ def publish_changes(central: State) -> None:
     """End waits and send notices for messages whose number of handlers the event has changed."""
     changed = [
         (message, before)
-        for message, before in central.dispatcher.serving_before.items()
+        for message, before in central.dispatcher.old_serving_counts.items()
         if message.serving != before
     ]
-    central.dispatcher.serving_before.clear()
+    central.dispatcher.old_serving_counts.clear()
     waits: dict[PresenceWait, None] = {}
     for message, before in changed:
         waits |= message.awaited_by

@@ -212,7 +212,7 @@ def birth_facts(task: Task) -> list[facts.Fact]:
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_foreign_monitor else []
-    if task.message.is_outside_sequence and not task.is_background:
+    if task.message.is_interval_monitor and not task.is_background:
         found.append(facts.WaitedFor(task.id))
     return [*found, facts.Reached(task.id, RULES[task.message.is_goal].at_birth)]
 

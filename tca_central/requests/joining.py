@@ -353,7 +353,7 @@ def _reassign(central: State, delivery: Delivery) -> None:
     central.facts.append(facts.Unqueued(delivery.handling_id))
     restart(central, delivery)
     if not delivery.killed:
-        central.agenda.restart(delivery)
+        central.agenda.recheck_restart(delivery)
 
 
 # --- messages and handlers ------------------------------------------------------------------------

@@ -253,7 +253,7 @@ def _check_end_point(message: MessageType, parent: Task, options: WatchOptions) 
     until = options.until
     if until is None or until.moment is not Moment.END_ACHIEVING:
         return
-    is_waited_for = options.waited_for or not message.is_outside_sequence
+    is_waited_for = options.waited_for or not message.is_interval_monitor
     if is_waited_for and (above := parent.find_above(until.task)) is not None:
         text = f"{message.title} can't watch until {above} ends, because {above} waits for it"
         hint = (

@@ -107,7 +107,7 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
         "resource": resource.name,
         "capacity": resource.capacity,
         "handling": [_handled(one, now) for one in handled],
-        "blocked": sum(bool(slot.waits or slot.brief_waits) for slot in resource.slots),
+        "blocked": sum(bool(slot.waits or slot.unchecked_waits) for slot in resource.slots),
         "waiting": resource.waiting,
         "oldest": now - oldest.since if oldest else 0.0,
         "delivered": resource.delivered,
@@ -134,7 +134,7 @@ def _waits(central: State) -> Iterator[_Wait]:
         for oldest in islice(message.waiting.values(), 1):
             yield _queued(central, oldest, Turn(oldest), len(message.waiting) - 1)
     for connection in central.registry.connections.values():
-        for number, wait in (*connection.waits.items(), *connection.brief_waits.items()):
+        for number, wait in (*connection.waits.items(), *connection.unchecked_waits.items()):
             yield _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at)
     yield from _claims(central)
 
@@ -142,7 +142,9 @@ def _waits(central: State) -> Iterator[_Wait]:
 def _claims(central: State) -> Iterator[_Wait]:
     """Yield the waits of claims for which no handler or client blocks."""
     for (connection, number), claim in central.claims.items():
-        if not (claim.is_granted or number in connection.waits or number in connection.brief_waits):
+        if not (
+            claim.is_granted or number in connection.waits or number in connection.unchecked_waits
+        ):
             origin = claim.holder.handling_id if claim.holder is not None else 0
             yield _blocking(central, connection, origin, Granting(claim), claim.since)
 
@@ -186,7 +188,7 @@ def _is_held(task: Task) -> bool:
     if task.suspended and parent is not None:
         # The topmost suspended tasks are listed by ``_suspended``.
         return parent.suspended and (has_held_start(task) or not task.reached & START_HANDLING)
-    if task.message.is_outside_sequence and task.reached & START_HANDLING and not task.returned:
+    if task.message.is_interval_monitor and task.reached & START_HANDLING and not task.returned:
         return not task.is_background and parent is not None and parent.id != ROOT
     return has_held_start(task) or (task.returned and bool(task.held))
 

@@ -436,7 +436,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     message, rule = tap.listener, CONDITIONS[tap.condition]
     task = tapped if isinstance(tapped, Task) else None
     is_alive = tapped.id in central.tree.tasks
-    watches_it = message.is_outside_sequence and rule.is_before_end and not rule.is_child
+    watches_it = message.is_interval_monitor and rule.is_before_end and not rule.is_child
     parent = (
         task
         if task is not None and is_alive and (rule.is_child or watches_it)

@@ -26,7 +26,7 @@ def on_end_point(central: State, watch: Watch, _: Task) -> None:
 
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
     """Raise RequestError if a monitor can't watch with these options."""
-    polls = message.message_class.has_condition and message.is_outside_sequence
+    polls = message.message_class.has_condition and message.is_interval_monitor
     what = message.title
     checked_seconds(options.duration, f"{what} with a duration")
     if polls:
@@ -47,7 +47,7 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
 def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
     """Whether a monitor has an end of its own. A point monitor has, since it tests only once."""
     is_bounded = options.maximum or options.duration or options.until is not None
-    return bool(is_bounded) or not message.is_outside_sequence
+    return bool(is_bounded) or not message.is_interval_monitor
 
 
 def become_monitor(
@@ -56,7 +56,7 @@ def become_monitor(
     """Make a new task a monitor. ``check_options`` must have passed."""
     parts = [central.registry.messages.get(part) for part in task.message.parts]
     task.watch = Watch(task, options, parts, is_foreign_monitor=is_foreign_monitor)
-    task.is_background = task.message.is_outside_sequence and not options.waited_for
+    task.is_background = task.message.is_interval_monitor and not options.waited_for
 
 
 def enlist_monitor(central: State, task: Task) -> None:

@@ -86,7 +86,8 @@ _FLAGS = {
     "plan_first": Flags.PLAN_FIRST,
     "delay_planning": Flags.DELAY_PLANNING,
 }
-"""The options that central knows as flags for constraints between siblings."""
+"""The options that central knows as flags, for constraints with the last sibling or between the
+task's own points."""
 
 
 class Sender(WatchingServices, QuestionServices):

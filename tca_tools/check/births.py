@@ -81,7 +81,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
         kind = item.message_class
-        item.is_background = kind.is_monitor and kind.is_outside_sequence
+        item.is_background = kind.is_monitor and kind.is_interval_monitor
         parent.background_monitors += item.is_background
         item.is_suspended = parent.is_suspended and not item.role.runs_while_suspended
         if parent.is_killed:

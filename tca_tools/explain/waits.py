@@ -314,7 +314,7 @@ def blocking_tasks(
     rest = [*reversed(children)]
     while rest:
         child = run.tasks[rest.pop()]
-        ends_with_siblings = child.message_class.is_outside_sequence and not child.is_waited_for
+        ends_with_siblings = child.message_class.is_interval_monitor and not child.is_waited_for
         if moment != END_ACHIEVING or not ends_with_siblings:
             found.append(child)
             continue

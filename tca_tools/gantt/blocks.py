@@ -52,7 +52,7 @@ def _block(bars: list[Bar]) -> Bar:
     span = bars[0].start, max(bar.end for bar in bars)
     block = Bar(max(seconds, key=seconds.__getitem__), *span, kind=bars[0].kind)
     block.title = partial(_title, block)
-    block.is_context = all(bar.is_context for bar in bars)
+    block.is_unselected = all(bar.is_unselected for bar in bars)
     worst = (Ending.FAILED, Ending.HANDLED, Ending.RESOLVED, Ending.KILLED)
     block.ending = next((one for one in worst if one in endings), Ending.NONE)
     block.waits = [wait for bar in bars for wait in bar.waits]

@@ -138,8 +138,8 @@ class _RowBuilder:
     ) -> Bar:
         """Return a bar *of* a message, without its title."""
         until = self.run.time if end is None else end
-        is_context = of is not None and not self.pick.is_selected(of)
-        return Bar(name, start, until, kind=kind, is_open=end is None, is_context=is_context)
+        is_unselected = of is not None and not self.pick.is_selected(of)
+        return Bar(name, start, until, kind=kind, is_open=end is None, is_unselected=is_unselected)
 
     def _handled_bar(self, handling: Handling) -> Bar:
         name, number = handling.name, handling.message_id

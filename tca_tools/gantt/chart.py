@@ -93,7 +93,7 @@ class Bar:
     kind: BarKind = BarKind.HANDLED
     is_open: bool = False
     """Whether it had not ended when the journal ended."""
-    is_context: bool = False
+    is_unselected: bool = False
     """Whether it was not selected itself, but a selected task waited for it. Then it is paler."""
     ending: Ending = Ending.NONE
     waits: "Sequence[Bar]" = ()

@@ -143,7 +143,7 @@ class Painter:
         left, right = self._ends(block)
         colour = (light if block.is_waiting else dark)(self._numbers[block.name])
         shade = _PALEST + (1 - _PALEST) * share_of(block)
-        if block.is_context:
+        if block.is_unselected:
             shade *= 0.4
         look = f'fill="{colour}" fill-opacity="{shade:.2f}"'
         yield rectangle(look, left, y, right, _BAR, block.title())
@@ -187,7 +187,7 @@ class Painter:
         width, start, is_light = max((b - a, a, number % 2) for number, (a, b) in parts)
         fitting = [label for label in bar.labels if _text_width(label) < width]
         name = (fitting or [*bar.labels[-1:], ""])[0]
-        kind = "in" if is_light or bar.is_context else "on"
+        kind = "in" if is_light or bar.is_unselected else "on"
         yield from self._words(name, kind, (start, start + width), y + _BAR / 2 + 4)
 
     def _ending(self, bar: Bar, left: float, right: float, y: float) -> Iterator[str]:
@@ -241,4 +241,4 @@ def _text_width(label: str) -> float:
 
 
 def _paleness(bar: Bar) -> str:
-    return ' class="beside"' if bar.is_context else ""
+    return ' class="beside"' if bar.is_unselected else ""

@@ -1,4 +1,4 @@
-"""The headers that modules and central exchange, one type a message.
+"""The headers that modules and central exchange, one class for each kind.
 
 The field order is the wire order. A header travels with a body of opaque bytes: user data as
 MessagePack, which central never decodes. First come the headers that modules send, then those of
@@ -42,7 +42,7 @@ PROTOCOL_VERSION = 7
 
 
 class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
-    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused.
+    """First header of a connection, and again after a reconnect. Answered by Welcome or Refused.
 
     Unknown fields are accepted, so that central can read the Hello of a later version and refuse
     it.
@@ -119,7 +119,7 @@ class Send(Numbered, frozen=True, tag=4):
     keep: bool = False
     """The sender's module retains the task, as with Keep (TDL: PERSISTENT)."""
     brief: bool = False
-    """The *blocking* wait is too short to be checked for a deadlock."""
+    """The *blocking* wait is not checked for a deadlock: the sender's own limit ends it soon."""
     suspended: bool = False
     """The new task is created suspended by the sender: it does not start before it is resumed."""
     quiet: bool = False
@@ -266,8 +266,8 @@ class Attach(Numbered, frozen=True, tag=13):
 class Remove(Numbered, frozen=True, tag=14):
     """Remove an exception handler, or the sender's share in a wiretap.
 
-    With *for_all* the wiretap is removed for all modules. If the id is a monitor's, the monitor
-    ends. Accepted has id 0 if nothing with this id exists.
+    With *for_all* the wiretap is removed for all modules, or the monitor with this id ends.
+    Accepted has id 0 if nothing with this id exists.
     """
 
     id: int

@@ -289,7 +289,7 @@ _DUE = {
     Due.DEADLINE: "deadline",
     Due.KILL: "time of the kill",
     Due.TEST: "time of the next test",
-    Due.WATCHED: "end of the watch",
+    Due.MONITOR_OVER: "end of the watch",
     Due.LOOK: "check for deadlocks",
     Due.HUNG: "check for a handler that hangs",
     Due.CLAIM: "timeout of a lock",

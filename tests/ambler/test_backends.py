@@ -110,7 +110,7 @@ def test_scan_during_a_leg_move_sees_all_feet_on_the_ground() -> None:
             machine.tick()
         return True
 
-    with machine.moving(move.leg):
+    with machine.exclusive(move.leg):
         robot.move_leg(move, on_tick)
     other.join(timeout=5)
     assert scans[0].stance.feet[move.leg] == before.feet[move.leg]

@@ -8,7 +8,7 @@ from sampling import lives
 
 from tca_central.model.intervals import unified
 from tca_central.model.tasks import Task
-from tca_central.order.cycles import REST_ENDED, Place, all_before, successors
+from tca_central.order.cycles import NON_MONITORS_ENDED, Place, all_before, successors
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Delivered, Reached, Received
 from tca_wire.packets import headers
@@ -39,7 +39,9 @@ def test_predecessors_and_successors_of_points_agree(seed: int) -> None:
         tree = life.central.tree
         places = [Place(task, moment) for task in tree.tasks.values() for moment in Moment]
         places += [
-            Place(task, REST_ENDED) for task in tree.tasks.values() if task.background_monitors
+            Place(task, NON_MONITORS_ENDED)
+            for task in tree.tasks.values()
+            if task.background_monitors
         ]
         to_come = {one for one in places if not one.task.reached & one.moment and is_unified(one)}
         ahead = {(one, other) for one in to_come for other in successors(one) if other in to_come}

@@ -25,12 +25,12 @@ NAME: reissue [ID]
 NAME: resolve [ID]
 NAME: wait POINT [here]
 NAME: await the last N                 a coroutine awaits its last N requests; 0: it continues
-NAME: await MESSAGE, ... [to handle MESSAGE]
+NAME: await MESSAGE, ... [to handle MESSAGE]   waits until they have handlers
 NAME: give up [and ask why]
 
 NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE
-NAME: remove ID
-NAME: detach ID
+NAME: remove ID                        its own share in it
+NAME: detach ID                        for all modules
 NAME: raise FAILURE[<KIND...] on TASK
 NAME: retry TASK [with data]
 NAME: suspend TASK
@@ -64,6 +64,7 @@ load
 waits TASK
 ```
 
+`again`: the same request number once more. `from outside`: sent by code outside of handlers.
 `here`: the running handler of NAME blocks until the answer arrives. A point is written
 ``end achieving 3``, ``start planning this``, or as a number of seconds from now.
 ``POINT + 2`` is two seconds later. The failure without a name is written ``any``.

@@ -259,7 +259,7 @@ def may_return(central: Central) -> list[Delivery]:
 
 
 def _pauses(slot: Connection, run: Delivery) -> bool:
-    return any(pause.since > slot.handling[run] for pause in slot.brief_waits.values())
+    return any(pause.since > slot.handling[run] for pause in slot.unchecked_waits.values())
 
 
 def may_be_released(central: Central) -> list[ModuleClaim]:
@@ -271,7 +271,7 @@ def may_be_released(central: Central) -> list[ModuleClaim]:
     return [
         one
         for one in granted
-        if (one.holder in free if one.holder else not (one.slot.waits or one.slot.brief_waits))
+        if (one.holder in free if one.holder else not (one.slot.waits or one.slot.unchecked_waits))
     ]
 
 

@@ -67,7 +67,7 @@ class JournaledLife(Folding, Blocking):
         journaled = sorted(wait.awaited for wait in waits if wait.end is None)
         connections = self.central.registry.connections.values()
         open_waits = [
-            (one, number) for one in connections for number in (*one.waits, *one.brief_waits)
+            (one, number) for one in connections for number in (*one.waits, *one.unchecked_waits)
         ]
         assert journaled == sorted(awaited(one, number) for one, number in open_waits)
 
@@ -77,7 +77,7 @@ class JournaledLife(Folding, Blocking):
         slot = delivery.slot if delivery else None
         slot = slot or self.central.registry.connections[b"user"]  # type: ignore[index]
         name, origin = slot.id.decode(), delivery.handling_id if delivery else 0
-        if not delivery and (slot.waits or slot.brief_waits):
+        if not delivery and (slot.waits or slot.unchecked_waits):
             return
         if operation.startswith("ask"):
             self.ask(name, origin, operation, b, brief=brief)
@@ -117,10 +117,12 @@ class JournaledLife(Folding, Blocking):
         """Give up a wait, or lose a slot."""
         connections = self.central.registry.connections.values()
         if operation == "give up":
-            for one in [one for one in connections if one.waits or one.brief_waits][b % 4 :][:1]:
+            for one in [one for one in connections if one.waits or one.unchecked_waits][b % 4 :][
+                :1
+            ]:
                 name, (number, wait) = (
                     one.id.decode(),
-                    next(iter((*one.brief_waits.items(), *one.waits.items()))),
+                    next(iter((*one.unchecked_waits.items(), *one.waits.items()))),
                 )
                 self.receive(
                     name, headers.GiveUp(number, self.number(name) if c % 2 else 0, wait.origin)
@@ -134,7 +136,7 @@ class JournaledLife(Folding, Blocking):
         return [
             one
             for slot, one in newest.items()
-            if slot and not waits_in(slot, one) and not slot.brief_waits
+            if slot and not waits_in(slot, one) and not slot.unchecked_waits
         ]
 
 

@@ -29,7 +29,7 @@ class Machine:
         self._before = robot.stance()
 
     @contextmanager
-    def moving(self, leg: int = NO_LEG) -> Iterator[None]:
+    def exclusive(self, leg: int = NO_LEG) -> Iterator[None]:
         """Reserve the robot for this thread. During a move call ``tick`` between control ticks."""
         with self._moving:
             self._before, self._lifted = self.robot.stance(), leg

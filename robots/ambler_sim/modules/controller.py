@@ -84,11 +84,11 @@ class ControlledMachine(Machine):
 
     @contextmanager
     def changed_by(self, task: Task, leg: int = NO_LEG) -> Iterator[OnTick]:
-        """Reserve the robot for a task that changes it. Yields the function to call at each tick of
-        a move.
+        """Keep other threads from the robot while a task changes it. Yields the function to call
+        at each tick of a move.
         """
         try:
-            with self.moving(leg):
+            with self.exclusive(leg):
                 yield lambda: self._on_tick(task)
         except AmblerError as error:
             raise MOTION_FAULT("body", str(error)) from error
@@ -137,12 +137,12 @@ def _add_queries(controller: Module, machine: Machine) -> None:
 
     @controller.handles(STANCE)
     def stance(_: Task) -> Stance:
-        with machine.moving():
+        with machine.exclusive():
             return robot.stance()
 
     @controller.handles(READINGS)
     def readings(_: Task) -> Readings:
-        with machine.moving():
+        with machine.exclusive():
             return robot.readings()
 
     @controller.handles(RANGES, resource="range finder")
@@ -151,7 +151,7 @@ def _add_queries(controller: Module, machine: Machine) -> None:
 
     @controller.handles(PICTURE)
     def picture(_: Task, path: str) -> str:
-        with machine.moving():
+        with machine.exclusive():
             return str(robot.picture(path))
 
 

@@ -66,8 +66,8 @@ IGNORED = {
         "hung_after", "hang_timers", "was_replaced",  # no handler hangs
         "answers", "answer_bytes",  # scripts repeat no request
         "tasks", "unconfirmed",  # scripts name nothing by its request
-        "handling", "waits", "brief_waits", "lost_claims",  # visited as deliveries and requests
-        "next_began_at", "known_until",  # for users to read: the start and end of runs
+        "handling", "waits", "unchecked_waits", "lost_claims",  # visited as deliveries and requests
+        "next_began_at", "acts_known_until",  # for users to read: the start and end of runs
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
