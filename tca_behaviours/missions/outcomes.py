@@ -8,8 +8,8 @@ from tca_module import Failure
 
 
 class Status(IntEnum):
-    """The status of a run. The code of an end is a status with the mask TERMINATED: test it with
-    ``code & TERMINATED``.
+    """The status of a run, with the numbers of ROS's ``TaskStatus.msg``. The code of an end is a
+    status with the mask TERMINATED: test it with ``code & TERMINATED``.
     """
 
     NEWBORN = 0
@@ -17,11 +17,11 @@ class Status(IntEnum):
     INITIALISED = 2
     RUNNING = 3
     COMPLETED = 4
-    INTERRUPTED = 5
-    FAILED = 6
-    TIMEOUT = 7
-    CONFIGURATION_FAILED = 8
-    INITIALISATION_FAILED = 9
+    INTERRUPTED = 6
+    FAILED = 7
+    TIMEOUT = 8
+    CONFIGURATION_FAILED = 9
+    INITIALISATION_FAILED = 10
     TERMINATED = 128
 
     @classmethod

@@ -42,6 +42,7 @@ class _TaskMark(msgspec.Struct, frozen=True):
     help: str = ""
     periodic: bool = True
     parameters: tuple[str, ...] = ()  # in the order of declaration
+    idle: bool = False
 
 
 class TaskParameter:
@@ -82,6 +83,7 @@ class OfferedTask:
         self.name = mark.task
         self.help = mark.help
         self.is_periodic = mark.periodic
+        self.is_idle = mark.idle  #: whether the server runs it while nothing has the foreground
         self.is_handled = any(handler.capacity for handler in info.handled_by)
         self._format = PlainFormat(info.data)
         definitions = schema.get("$defs", {})

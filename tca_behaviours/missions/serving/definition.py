@@ -146,7 +146,9 @@ class Definition:
     Raises BadFormat if the class can't be a command.
     """
 
-    def __init__(self, task: type[ServedTask[Any]], server: str, rate: float) -> None:
+    def __init__(
+        self, task: type[ServedTask[Any]], server: str, rate: float, *, is_idle: bool
+    ) -> None:
         self.task = task
         self.name = task.__name__
         self.is_periodic = issubclass(task, PeriodicTask)
@@ -157,6 +159,7 @@ class Definition:
             "task": self.name,
             "help": help_of(task),
             "periodic": self.is_periodic,
+            "idle": is_idle,
             "parameters": sorted(fields, key=lambda name: name in COMMON),
         }
         self.format = TaskFormat(task, fields, marker)

@@ -30,13 +30,19 @@ class TaskFinder:
     """Collects the definitions for a server. The first task of a name wins."""
 
     def __init__(
-        self, server: str, environment: Environment, rate: float, log: logging.Logger
+        self,
+        server: str,
+        environment: Environment,
+        rate: float,
+        log: logging.Logger,
+        idle: type[ServedTask[Any]] | None = None,
     ) -> None:
         self.definitions: dict[str, Definition] = {}
         self._server = server
         self._environment = environment
         self._rate = rate
         self._log = log
+        self._idle = idle
         self._found_in: dict[str, str] = {}
 
     def add_given(self, tasks: Iterable[type[ServedTask[Any]]]) -> None:
@@ -98,7 +104,9 @@ class TaskFinder:
                 f"task {name} needs an environment of class {wanted.__name__}, "
                 f"not the server's {given}"
             )
-        self.definitions[name] = Definition(task, self._server, self._rate)
+        self.definitions[name] = Definition(
+            task, self._server, self._rate, is_idle=task is self._idle
+        )
         self._found_in[name] = where
 
 

@@ -15,7 +15,7 @@ from tca_behaviours.missions.serving.environment import Environment
 from tca_behaviours.missions.serving.finding import TaskFinder
 from tca_behaviours.missions.serving.foreground import Foreground
 from tca_behaviours.missions.serving.run import TaskRun
-from tca_module import Callback, Module, Stopped, Task
+from tca_module import Callback, CentralLost, Module, Stopped, Task
 from tca_module.checks import check, instance_of, number, whole
 from tca_module.link.opening import CentralAddress
 from tca_module.log import log_of
@@ -77,7 +77,7 @@ class TaskServer:
         check(f"server '{name}'", _ENVIRONMENT, environment=environment)
         check(f"server '{name}'", _RATE, rate=rate)
         check(f"server '{name}'", _CAPACITY, capacity=capacity)
-        finder = TaskFinder(name, environment, rate, self._log)
+        finder = TaskFinder(name, environment, rate, self._log, idle)
         finder.add_given([*tasks, *([idle] if idle is not None else [])])
         if folder is not None:
             finder.add_folder(Path(folder))
@@ -129,7 +129,11 @@ class TaskServer:
             ):
                 return run.carry_out()
         except Stopped as error:  # name the server, which the mission's program knows
-            raise Stopped(f"server '{self.module.name}' has ended") from error
+            why = f"server '{self.module.name}' has ended"
+            if definition is self._idle:  # its end is no failure
+                with contextlib.suppress(CentralLost):
+                    task.kill(why)
+            raise Stopped(why) from error
         finally:
             with self._lock:
                 self.runs.discard(run)
