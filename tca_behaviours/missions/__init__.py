@@ -2,14 +2,18 @@
 
 from tca_behaviours.missions.client.base_mission import BaseMission as BaseMission
 from tca_behaviours.missions.client.conditions import ConditionIsCompleted as ConditionIsCompleted
+from tca_behaviours.missions.client.conditions import ConditionIsRunning as ConditionIsRunning
 from tca_behaviours.missions.client.conditions import ConditionVerified as ConditionVerified
 from tca_behaviours.missions.client.conditions import MissionCondition as MissionCondition
+from tca_behaviours.missions.client.conditions import NegatedCondition as NegatedCondition
+from tca_behaviours.missions.client.conditions import VariableCondition as VariableCondition
 from tca_behaviours.missions.client.errors import BadParameter as BadParameter
 from tca_behaviours.missions.client.errors import MissionTaskFailed as MissionTaskFailed
 from tca_behaviours.missions.client.errors import NotOffered as NotOffered
 from tca_behaviours.missions.client.errors import StepUncertain as StepUncertain
 from tca_behaviours.missions.client.errors import UnknownTask as UnknownTask
 from tca_behaviours.missions.client.mission import Mission as Mission
+from tca_behaviours.missions.client.running_task import RunningTask as RunningTask
 from tca_behaviours.missions.client.task_handle import TaskHandle as TaskHandle
 from tca_behaviours.missions.outcomes import MISSION_TASK_FAILED as MISSION_TASK_FAILED
 from tca_behaviours.missions.outcomes import (

@@ -11,6 +11,7 @@ from module.real_central import until
 
 from tca_behaviours.missions import Idle, OnceTask, Status, TaskEnd
 from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
+from tca_wire.journal import facts
 
 
 def names(robot: Robot) -> list[str]:
@@ -183,3 +184,10 @@ def test_failed_idle_task_is_retried_after_five_seconds(caplog: pytest.LogCaptur
 
     with caplog.at_level(logging.CRITICAL, "tca"), serving(Rest, idle=Rest) as robot:
         assert robot.after(11) == ["0.20 Rest tries", "5.20 Rest tries", "10.20 Rest tries"]
+
+
+def test_stopped_server_kills_its_idle_task() -> None:
+    with serving(idle=Idle) as robot:
+        robot.after(1)
+    ends = [fact for fact in robot.central.facts if isinstance(fact, facts.Failed | facts.Killed)]
+    assert [type(end) for end in ends] == [facts.Killed]

@@ -77,7 +77,7 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
 def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     for name in ("CHECK_PERIOD", "_PATIENCE"):
         monkeypatch.setattr(stopping_module, name, 0.02)
-    monkeypatch.setattr("tca_behaviours.missions.client.base_mission.CHECK_PERIOD", 0.02)
+    monkeypatch.setattr("tca_behaviours.missions.client.mission_tasks.CHECK_PERIOD", 0.02)
     caplog.set_level(logging.WARNING, "tca")
 
 

@@ -10,6 +10,7 @@ import pytest
 from missions.rover import TASKS, Rover, mission_of_rover, rover
 from module.real_central import until
 
+from tca_behaviours import missions as missions_api
 from tca_behaviours.missions import (
     BadParameter,
     ConditionIsCompleted,
@@ -32,10 +33,13 @@ from tca_module import (
     Task,
     TaskKilled,
     Timeout,
+    Variable,
     connect,
 )
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
+
+LEVEL = Variable("level", float)
 
 
 def test_mission_call_returns_the_task_end() -> None:
@@ -138,7 +142,7 @@ def test_mission_misuse_is_reported_before_sending(approve: Callable[..., None])
 
         def message_of(case: str) -> str:
             with pytest.raises((UnknownTask, BadParameter, MisuseError)) as caught:
-                eval(case, globals(), {"mission": mission})
+                eval(case, vars(missions_api), {"mission": mission, "LEVEL": LEVEL})
             return f"{caught.type.__name__}: {caught.value}"
 
         approve("mistakes.txt", message_of)

@@ -29,7 +29,7 @@ def test_mission_reports_a_goal_that_is_too_far(capsys: pytest.CaptureFixture[st
         assert started(there) == ["Wait", "GoTo", "GoTo"]
         assert math.dist(there.place, (5.0, 5.0)) < 0.11
     said = capsys.readouterr().out
-    assert said.startswith("Task failed with error status: 135: GoTo {")
+    assert said.startswith("Task failed with error status: 136: GoTo {")
     assert "timeout: it ran for 3 s" in said
 
 

@@ -1,44 +1,53 @@
 """The base class of missions: it starts, awaits, changes and stops tasks of a server."""
 
 import contextlib
-import math
 import sys
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, Self, TypeVar
 
+from tca_behaviours.missions.client import dry_run
 from tca_behaviours.missions.client.catalogue import Catalogue
-from tca_behaviours.missions.client.conditions import ActiveConditions, MissionCondition
-from tca_behaviours.missions.client.errors import NotOffered
-from tca_behaviours.missions.client.interrupts import delay_interrupt
-from tca_behaviours.missions.client.lost_handlers import LostHandlers
+from tca_behaviours.missions.client.interrupts import delay_interrupt, report_in_one_line
 from tca_behaviours.missions.client.mission_goal import MissionGoal
+from tca_behaviours.missions.client.mission_tasks import MissionTasks
+from tca_behaviours.missions.client.mission_waits import MissionWaits
 from tca_behaviours.missions.client.offered_task import OfferedTask
 from tca_behaviours.missions.client.running_task import RunningTask, given_parameters, running_tasks
 from tca_behaviours.missions.client.step_file import TaskBegun
 from tca_behaviours.missions.client.steps import Steps
-from tca_behaviours.missions.client.stopping import CHECK_PERIOD, Stopping
 from tca_behaviours.missions.client.task_handle import TaskHandle, check_handles
 from tca_behaviours.missions.outcomes import TaskEnd
-from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, checks
+from tca_module import (
+    CentralLost,
+    Command,
+    MisuseError,
+    NotDeclared,
+    Refused,
+    Task,
+    TaskRef,
+    TcaError,
+    checks,
+)
 from tca_module.checks import check
 from tca_module.link.opening import CentralAddress
-from tca_module.sending.any_task import first_ended
 
 P = ParamSpec("P")
 T = TypeVar("T")
 D = TypeVar("D")
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
-_MOST_ENDED = 10  # the number of ended tasks that a mission remembers
 _UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
 _CHECKPOINT = checks.instance_of("the path of a file", str | Path).or_none()
-_CONDITION = checks.instance_of("an object with a method is_verified()", MissionCondition)
+_TASK = checks.instance_of("the Task of a handler", Task).or_none()
+_TASK_NAME = checks.instance_of("a text, such as 'Drive'", str)
+
+_SHARED = ("", None, None, False, None)
+"""The arguments that a mission beside another may not give, as they are without a value."""
 
 
-class BaseMission:
+class BaseMission(MissionWaits):
     """The part of a mission that does not depend on its tasks. Stub files inherit it."""
 
     SERVER = ""  #: the server if none is given
@@ -53,6 +62,7 @@ class BaseMission:
         under: Task | None = None,
         leave_running: bool = False,
         checkpoint: Path | str | None = None,
+        beside: "BaseMission | None" = None,
     ) -> None:
         """Create a mission. It joins central when it is opened.
 
@@ -65,24 +75,32 @@ class BaseMission:
                 Default: None, a new goal.
             leave_running: whether the tasks outlive the mission or its crash. Default: False.
             checkpoint: the file in which ``step`` records completed steps. Default: None, no steps.
+            beside: an open mission. This one gives it the tasks of another server: the two share
+                name, goal, waits, conditions, steps and end. Default: None.
+
+        Raises:
+            MisuseError: an argument is wrong, or does not fit *beside*.
         """
-        self.central = central  #: its address, as it was given
+        check("Mission", checks.TEXT, server=server)
+        check("Mission", checks.PATIENCE, patience=patience)
         self._patience = patience
-        self._name = name or _name_of_program()
-        self._goal = MissionGoal(
-            self._name, server or self.SERVER, central, under, leave_running=leave_running
-        )
-        self._catalogue = Catalogue(server or self.SERVER, self._goal)
+        self._leave_running = leave_running
+        self._beside = beside
         check("Mission", _CHECKPOINT, checkpoint=checkpoint)
         self._checkpoint = Path(checkpoint) if checkpoint is not None else None
-        self._stopping = Stopping(self._name)
-        self._steps: Steps | None = None
-        self._leave_running = leave_running
-        self._is_open = False
-        self._lost_handlers = LostHandlers(self._goal)
-        self._running: dict[int, TaskHandle] = {}
-        self.ended = deque[TaskHandle](maxlen=_MOST_ENDED)  #: its last ended tasks, oldest first
-        self._conditions = ActiveConditions()
+        self.central = central  #: its address, as it was given
+        server = server or self.SERVER
+        if beside is None:
+            self._tasks = _new_tasks(name, server, central, under, leave_running)
+        else:
+            check("Mission", _MISSION, beside=beside)
+            if (name, central, under, leave_running, checkpoint) != _SHARED:
+                raise MisuseError(
+                    "Mission(beside=...) shares name=, central=, under=, leave_running= and "
+                    "checkpoint= with the mission beside it: leave them out"
+                )
+            self._tasks, self.central = beside._tasks, beside.central  # noqa: SLF001 - same class
+        self._catalogue = Catalogue(server, self._tasks.goal)
 
     def __enter__(self) -> Self:
         return self.open()
@@ -100,13 +118,16 @@ class BaseMission:
         """
         if self._is_open:
             raise MisuseError("this mission is open already")
-        if self._checkpoint is not None:
-            self._steps = Steps(
-                self._checkpoint, self._name, self._find_earlier_task, self._wait_or_stop
+        if self._beside is not None:
+            self._beside._check_open()  # noqa: SLF001 - the same class
+        if self._checkpoint is not None and self._tasks.dry_run is None:
+            self._tasks.steps = Steps(
+                self._checkpoint, self._tasks.name, self._find_earlier_task, self._wait_or_stop
             )
         self._is_open = True
         try:
-            self._goal.open()
+            if self._beside is None:
+                self._tasks.goal.open()
             self._catalogue.find_server(self._patience)
         except BaseException as error:
             self.close(error)
@@ -117,22 +138,29 @@ class BaseMission:
         """Stop all running tasks and leave central. Closing again does nothing.
 
         A ``with`` block calls it. With an *error*, which ended the mission, the mission has failed.
+        The end of a mission that was opened ``beside`` another stops nothing.
         """
         if not self._is_open:
             return
         self._is_open = False
+        if self._beside is not None:
+            return
+        tasks = self._tasks
+        if isinstance(error, KeyboardInterrupt):
+            report_in_one_line(f"mission '{tasks.name}' was ended by Ctrl-C")
         if isinstance(error, SystemExit) and not error.code:
             error = None
         try:
             if not (self._leave_running or isinstance(error, CentralLost)):
                 with contextlib.suppress(TcaError):
-                    self._stopping.stop_at_end(
-                        list(self._running.values()), "the mission has ended"
-                    )
+                    running = list(tasks.running.values())
+                    tasks.stopping.stop_at_end(running, "the mission has ended")
         finally:
-            if self._steps is not None:
-                self._steps.close(is_finished=error is None)
-            self._goal.close(error, waits=not self._stopping.hung)
+            if tasks.steps is not None:
+                tasks.steps.close(is_finished=error is None)
+            tasks.goal.close(error, waits=not tasks.stopping.hung)
+            if tasks.dry_run is not None and error is None:
+                tasks.dry_run.report(tasks.name)
 
     # --- the server and its tasks -----------------------------------------------------------------
 
@@ -140,7 +168,12 @@ class BaseMission:
     def name(self) -> str:
         """The mission's name in central. It ends with a number if the name was in use already."""
         self._check_open()
-        return self._goal.name
+        return self._tasks.goal.name
+
+    @property
+    def ended(self) -> deque[TaskHandle]:
+        """The last 10 tasks of the mission that have ended, oldest first."""
+        return self._tasks.ended
 
     @property
     def server(self) -> str:
@@ -155,17 +188,49 @@ class BaseMission:
     def running_tasks(self) -> list[RunningTask]:
         """Return the server's living tasks, oldest first: also those of other missions."""
         self._check_open()
-        return running_tasks(self._goal.sender, self.server)
+        return running_tasks(self._tasks.goal.sender, self.server)
+
+    def find_task(self, task: RunningTask | int) -> TaskHandle:
+        """Find a running task of the server, also one that another program has sent.
+
+        Args:
+            task: the task's number, as in the tree, or an entry of ``running_tasks()``.
+
+        Returns:
+            The handle of the task, to wait for it, to stop it, or for a condition.
+
+        Raises:
+            MisuseError: the server runs no such task.
+
+        Example::
+
+            charge = station.find_task(24)
+            station.wait_for_task(charge)
+        """
+        self._check_open()
+        number = task.id if isinstance(task, RunningTask) else task
+        check("find_task()", checks.NUMBER, task=number)
+        if (found := self._tasks.running.get(number)) is not None:
+            return found
+        ref = None
+        with contextlib.suppress(Refused):  # central has never had a task of that number
+            ref = self._tasks.goal.sender.task(number)
+        if ref is None or not ref.message.startswith(f"{self.server}."):
+            raise MisuseError(
+                f"server '{self.server}' runs no task {number}: running_tasks() lists its tasks"
+            )
+        return self._handle_of(ref)
+
+    def _handle_of(self, task: TaskRef) -> TaskHandle:
+        """Return the handle of a task that another program may have sent."""
+        offered = self._task(task.message.removeprefix(f"{self.server}."))
+        sent = self._tasks.goal.sender.sent_task(self._catalogue.message(offered), task.id)
+        return self._tasks.running.get(task.id) or TaskHandle(offered.name, sent, self._tasks)
 
     def _task(self, name: str) -> OfferedTask:
         self._check_open()
+        check("the name of a task", _TASK_NAME, name=name)
         return self._catalogue.task(name)
-
-    def _check_open(self) -> None:
-        if not self._is_open:
-            raise MisuseError(
-                "the mission is not open: use it inside 'with Mission(...) as mission:'"
-            )
 
     # --- starting ---------------------------------------------------------------------------------
 
@@ -227,21 +292,7 @@ class BaseMission:
             NotOffered, ConditionVerified: as for ``start``.
         """
         self._check_open()
-        self._goal.raise_if_killed()
-        if self._conditions.are_given:
-            for running in list(self._running.values()):
-                running.end  # noqa: B018 - learn of its end now, before the new task begins
-            self._raise_interruption()
-        below = self._goal.below()
-        with below.parallel():  # only the program orders the tasks of a mission
-            sent = below.execute_if_handled(command, data)
-        if sent is None:
-            raise NotOffered(f"no server offers {command.name} any more: start its server")
-        handle = TaskHandle(name, sent, self._on_task_end)
-        self._running[handle.id] = handle
-        if self._steps is not None:
-            self._steps.record_task(handle)
-        return handle
+        return self._tasks.start(command, data, name)
 
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``.
@@ -263,163 +314,11 @@ class BaseMission:
                 handle = self._start(task, parameters)
         except KeyboardInterrupt as interrupt:
             if handle is not None:
-                self._stopping.stop_after(interrupt, [handle], "the mission was interrupted")
+                self._tasks.stopping.stop_after(interrupt, [handle], "the mission was interrupted")
             raise
         if not parameters.get("foreground", task.runs_in_foreground):
             return handle
         return self.finish(handle)
-
-    def finish(self, task: TaskHandle) -> TaskEnd:
-        """Wait for the end of a task, and stop the task if the wait is interrupted.
-
-        Args:
-            task: a task of this mission.
-
-        Returns:
-            The TaskEnd of the completed task.
-
-        Raises:
-            MissionTaskFailed: the task did not complete.
-            ConditionVerified: a condition was verified; the task has been stopped.
-        """
-        self._wait_or_stop(task)
-        return task.result()
-
-    def _wait_or_stop(self, task: TaskHandle) -> None:
-        """Wait for the end of a foreground task, and stop it if the wait ends with an error."""
-        try:
-            self._wait([task], None, in_foreground=[task])
-        except CentralLost:
-            raise  # without central no task can be stopped
-        except BaseException as error:
-            self._stopping.stop_after(error, [task], "the mission was interrupted")
-            raise
-
-    # --- waiting ----------------------------------------------------------------------------------
-
-    def wait_for_task(self, task: TaskHandle, timeout: float | None = None) -> TaskEnd:
-        """Wait until a task has ended.
-
-        Args:
-            task: a task of this mission.
-            timeout: the most seconds to wait. Default: None, no bound.
-
-        Returns:
-            The TaskEnd of the completed task.
-
-        Raises:
-            MissionTaskFailed: the task did not complete.
-            Timeout: the task did not end in time; it runs on.
-            ConditionVerified: a condition was verified.
-            TaskKilled: the mission was killed.
-        """
-        self.wait_for_any_task([task], timeout)
-        return task.result()
-
-    def wait_for_any_task(
-        self, tasks: Sequence[TaskHandle], timeout: float | None = None
-    ) -> TaskHandle:
-        """Wait until one of the tasks has ended.
-
-        Args:
-            tasks: the tasks, one or more.
-            timeout: the most seconds to wait. Default: None, no bound.
-
-        Returns:
-            The task that has ended.
-
-        Raises:
-            MissionTaskFailed, Timeout, ConditionVerified, TaskKilled: as for ``wait_for_task``.
-        """
-        ended = self.first_ended(tasks, timeout)
-        if not ended:
-            names = ", ".join(map(str, tasks))
-            raise Timeout(f"{names} did not end within {timeout:g} s", can_wait=True)
-        ended[0].result()
-        return ended[0]
-
-    def wait_for_all_tasks(
-        self, tasks: Sequence[TaskHandle], timeout: float | None = None
-    ) -> list[TaskEnd]:
-        """Wait until all of the tasks have ended.
-
-        Args:
-            tasks: the tasks, one or more.
-            timeout: the most seconds to wait for all of them. Default: None, no bound.
-
-        Returns:
-            The TaskEnd of each completed task, in the order of *tasks*.
-
-        Raises:
-            MissionTaskFailed: a task did not complete; raised as soon as the first one did not.
-            Timeout, ConditionVerified, TaskKilled: as for ``wait_for_task``.
-        """
-        until = None if timeout is None else time.monotonic() + timeout
-        remaining = list(tasks)
-        while remaining:
-            ended = self.wait_for_any_task(
-                remaining, None if until is None else max(0.0, until - time.monotonic())
-            )
-            remaining.remove(ended)
-        return [task.result() for task in tasks]
-
-    def first_ended(
-        self, tasks: Sequence[TaskHandle], timeout: float | None = None
-    ) -> list[TaskHandle]:
-        """Wait until at least one of the tasks has ended.
-
-        Unlike ``wait_for_any_task`` it raises nothing for a task that failed: see its ``end``.
-
-        Args:
-            tasks: the tasks, one or more.
-            timeout: the most seconds to wait. Default: None, no bound.
-
-        Returns:
-            All of the tasks that have ended; [] if none did within *timeout* seconds.
-
-        Raises:
-            ConditionVerified, TaskKilled: as for ``wait_for_task``.
-        """
-        self._check_open()
-        check("the wait for tasks", checks.TIMEOUT, timeout=timeout)
-        if not tasks:
-            raise MisuseError("there is no task to wait for: give at least one")
-        check_handles(*tasks)
-        return self._wait(tasks, timeout)
-
-    def _wait(
-        self,
-        tasks: Sequence[TaskHandle],
-        timeout: float | None,
-        *,
-        in_foreground: Sequence[TaskHandle] = (),
-    ) -> list[TaskHandle]:
-        """Wait until one of the tasks has ended, or an event ends the wait with an exception."""
-        until = math.inf if timeout is None else time.monotonic() + timeout
-        while not (ended := [task for task in tasks if task.is_known_over]):
-            self._raise_interruption(in_foreground)
-            remaining = until - time.monotonic()
-            if remaining <= 0:
-                return [task for task in tasks if task.is_over]
-            if not self._wait_for_event(tasks, min(remaining, CHECK_PERIOD)):
-                self._stopping.warn_of_hung(tasks)
-        self._goal.raise_if_killed(ask=any(task.is_interrupted for task in ended))
-        return ended
-
-    def _wait_for_event(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
-        """Wait for an event that may end a wait for *tasks*; False if there was none in time."""
-        awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
-        ended = first_ended(
-            list(awaited),
-            timeout,
-            lambda: self._conditions.check() or self._lost_handlers.newly_lost(tasks),
-            # A condition or a short timeout will end this wait, so it is no deadlock.
-            brief=self._conditions.are_given or timeout < CHECK_PERIOD,
-        )
-        for sent in ended:
-            awaited[sent].record_end()  # type: ignore[index]
-        self._lost_handlers.check(tasks)
-        return bool(ended) or self._conditions.has_interruption
 
     # --- changing ---------------------------------------------------------------------------------
 
@@ -436,7 +335,11 @@ class BaseMission:
             Timeout: the server did not answer within 10 seconds.
         """
         check_handles(task)
-        offered, info = self._task(task.name), task.sent.info()
+        offered = self._task(task.name)
+        if self._tasks.dry_run is not None:
+            offered.validate({**task.parameters, **parameters})
+            return
+        info = task.sent.info()
         given = given_parameters(info) if info is not None else task.parameters
         # An update, too, must give the parameters that have no default.
         required = {name: given[name] for name in offered.required if name in given}
@@ -445,18 +348,23 @@ class BaseMission:
 
     # --- stopping ---------------------------------------------------------------------------------
 
-    def stop_task(self, task: TaskHandle, why: str = "the mission has stopped it") -> None:
+    def stop_task(
+        self, task: TaskHandle | RunningTask | int, why: str = "the mission has stopped it"
+    ) -> None:
         """Stop a task, and wait until it has terminated. Does nothing if it has ended.
 
         Args:
-            task: a task of this mission.
+            task: a task of this mission, or any other task of the server: its number, or an entry
+                of ``running_tasks()``.
             why: the reason that tree and journal show.
 
         Raises:
             Timeout: the task did not end within 10 seconds.
+            MisuseError: the server runs no task of that number.
         """
-        check_handles(task)
-        self._stopping.stop([task], why)
+        found = self.find_task(task) if isinstance(task, RunningTask | int) else task
+        check_handles(found, owner=self._tasks)
+        self._stop([found], why)
 
     def stop_all_tasks(self, why: str = "the mission has stopped it") -> None:
         """Stop all tasks of this mission, and wait until they have terminated.
@@ -467,13 +375,26 @@ class BaseMission:
         Raises:
             Timeout: a task did not end within 10 seconds.
         """
-        self._stopping.stop(list(self._running.values()), why)
+        self._stop(list(self._tasks.running.values()), why)
 
-    def _on_task_end(self, task: TaskHandle) -> None:
-        self._lost_handlers.forget(task)
-        self._stopping.forget(task)
-        if self._running.pop(task.id, None) is not None:
-            self.ended.append(task)
+    def idle(self, why: str = "a mission wants the server idle") -> None:
+        """Stop all tasks of the server, also those of other missions, and wait until they have
+        terminated. The server's idle task follows, if it has one.
+
+        Args:
+            why: the reason that tree and journal show.
+
+        Raises:
+            Timeout: a task did not end within 10 seconds.
+        """
+        self._check_open()
+        busy = {task.message for task in self._catalogue.tasks.values() if not task.is_idle}
+        living = [task for task in self._tasks.goal.sender.tasks() if task.message in busy]
+        self._stop([self._handle_of(task) for task in living], why)
+
+    def _stop(self, tasks: Sequence[TaskHandle], why: str) -> None:
+        if self._tasks.dry_run is None:
+            self._tasks.stopping.stop(tasks, why)
 
     # --- steps ------------------------------------------------------------------------------------
 
@@ -504,9 +425,7 @@ class BaseMission:
 
             mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
         """
-        return self._require_steps().run(
-            name, function, lambda: function(*args, **parameters), is_repeatable=False
-        )
+        return self._step(name, function, args, parameters, is_repeatable=False)
 
     def repeatable_step(
         self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs
@@ -515,8 +434,22 @@ class BaseMission:
 
         Args, Returns, Raises: as for ``step``, without StepUncertain.
         """
+        return self._step(name, function, args, parameters, is_repeatable=True)
+
+    def _step(
+        self,
+        name: str,
+        function: Callable[..., T],
+        args: Sequence[Any],
+        parameters: dict[str, Any],
+        *,
+        is_repeatable: bool,
+    ) -> T:
+        check("a step", checks.FUNCTION, function=function)
+        if self._tasks.dry_run is not None:
+            return function(*args, **parameters)
         return self._require_steps().run(
-            name, function, lambda: function(*args, **parameters), is_repeatable=True
+            name, function, lambda: function(*args, **parameters), is_repeatable=is_repeatable
         )
 
     def skip_step(self, name: str) -> None:
@@ -528,62 +461,50 @@ class BaseMission:
         Raises:
             MisuseError: as for ``step``.
         """
-        self._require_steps().skip(name)
+        if self._tasks.dry_run is None:
+            self._require_steps().skip(name)
 
     def _require_steps(self) -> Steps:
         self._check_open()
-        if self._steps is None:
+        if self._tasks.steps is None:
             raise MisuseError("steps need a file: Mission(..., checkpoint='patrol.steps')")
-        return self._steps
+        return self._tasks.steps
 
     def _find_earlier_task(self, task: TaskBegun) -> TaskHandle | None:
         """Find a task of an earlier run of the program; None if central has forgotten it."""
-        offered = self.offered().get(task.name)
-        if offered is None:
-            return None
+        sender = self._tasks.goal.sender
         try:
-            sent = self._goal.sender.sent_task(
-                self._catalogue.message(offered), task.id, task.epoch
+            command = sender.declared(task.message or f"{self.server}.{task.name}")
+            handle = TaskHandle(
+                task.name, sender.sent_task(command, task.id, task.epoch), self._tasks
             )
-            handle = TaskHandle(task.name, sent, self._on_task_end)
             handle.end  # noqa: B018 - raises if central does not know the task
-        except (CentralLost, Refused):
+        except (CentralLost, NotDeclared, Refused):
             return None
         return handle
 
-    # --- conditions -------------------------------------------------------------------------------
 
-    def add_condition(self, condition: MissionCondition) -> None:
-        """Interrupt the mission's waits when a condition is verified.
-
-        The wait then raises ConditionVerified, or MissionTaskFailed if the condition's task failed.
-
-        Args:
-            condition: a ConditionIsCompleted, or any object with a method ``is_verified()``.
-        """
-        check("add_condition()", _CONDITION, condition=condition)
-        self._conditions.add(condition)
-
-    def clear_conditions(self) -> None:
-        """Remove all conditions. Stop their tasks, except with ``stop_on_clear=False``, and wait
-        until these tasks end.
-
-        Raises:
-            Timeout: a task did not end within 10 seconds.
-        """
-        self._stopping.stop(self._conditions.clear(), "its condition was cleared")
-
-    def _raise_interruption(self, in_foreground: Sequence[TaskHandle] = ()) -> None:
-        """Raise the exception of a condition that interrupts the mission, if one does."""
-        interruption = self._conditions.pop_interruption()
-        if interruption is None:
-            return
-        for task in in_foreground:  # stop it now, not after the conditions' tasks
-            task.stop("the mission was interrupted")
-        self.clear_conditions()
-        raise interruption
+def _new_tasks(
+    name: str,
+    server: str,
+    central: CentralAddress,
+    under: Task | None,
+    leave_running: bool,
+) -> MissionTasks:
+    """Check the arguments of a mission that is beside no other, and create its tasks."""
+    check("Mission", checks.TEXT, name=name)
+    check("Mission", _TASK, under=under)
+    check("Mission", checks.FLAG, leave_running=leave_running)
+    name = name or _name_of_program()
+    is_dry = dry_run.is_asked_for()
+    # A dry run sends no goal either.
+    goal = MissionGoal(name, server, central, under, leave_running=leave_running or is_dry)
+    return MissionTasks(goal, name, dry_run.DryRun() if is_dry else None)
 
 
 def _name_of_program() -> str:
     """Return the name of the running script."""
     return Path(sys.argv[0]).stem.strip("-") or "script"
+
+
+_MISSION = checks.instance_of("an open mission", BaseMission)

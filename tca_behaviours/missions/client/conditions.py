@@ -1,12 +1,21 @@
 """Conditions that interrupt a mission: ``mission.add_condition(ConditionIsCompleted(watch))``."""
 
-from collections.abc import Collection, Sequence
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Collection, Sequence
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from tca_behaviours.missions.client.errors import MissionTaskFailed
+from tca_behaviours.missions.client.mission_goal import MissionGoal
 from tca_behaviours.missions.client.task_handle import TaskHandle, check_handles
 from tca_behaviours.missions.outcomes import Status
-from tca_module.errors import TcaError
+from tca_module import Variable, checks
+from tca_module.checks import check
+from tca_module.errors import MisuseError, TcaError
+
+D = TypeVar("D")
+_UNSET: Any = object()
+_STATUSES = checks.collection_of(
+    "a list of statuses, such as [Status.TIMEOUT]", checks.instance_of("a Status", Status)
+)
 
 
 @runtime_checkable
@@ -20,6 +29,9 @@ class MissionCondition(Protocol):
     def is_verified(self) -> bool:
         """Return whether the mission must be interrupted."""
         ...
+
+
+CONDITION = checks.instance_of("an object with a method is_verified()", MissionCondition)
 
 
 class ConditionIsCompleted:
@@ -49,6 +61,7 @@ class ConditionIsCompleted:
         stop_on_clear: bool = True,
     ) -> None:
         check_handles(task)
+        check("ConditionIsCompleted", _STATUSES, ends=ends)
         self.task = task
         self.name = name or f"{task} has ended"
         self.ends = {Status.COMPLETED, *ends}
@@ -67,6 +80,100 @@ class ConditionIsCompleted:
             return False
         end = self.task.end
         return (end is not None and Status.of(end.status) in self.ends) or bool(self.task.result())
+
+
+class ConditionIsRunning:
+    """A condition that is verified while a task has not ended.
+
+    Args:
+        task: a task of this mission, or one of another that ``find_task`` has found.
+        name: the text of the exception. Default: "TASK runs".
+
+    Example::
+
+        charge = station.find_task(24)
+        mission.add_condition(NegatedCondition(ConditionIsRunning(charge)))
+    """
+
+    def __init__(self, task: TaskHandle, name: str = "") -> None:
+        check_handles(task)
+        self.task = task
+        self.name = name or f"{task} runs"
+
+    def __str__(self) -> str:
+        return self.name
+
+    def is_verified(self) -> bool:
+        """Return whether the mission has not learned yet that the task ended."""
+        return not self.task.is_known_over
+
+
+class VariableCondition(Generic[D]):
+    """A condition that is verified when the value of a variable of central passes a test.
+
+    While the variable has no value, the condition is not verified. Central is asked for the value
+    20 times a second.
+
+    Args:
+        variable: the Variable.
+        test: a function of the value. It returns whether the condition is verified.
+        name: the text of the exception. Default: "variable 'NAME' has passed its test".
+
+    Example::
+
+        mission.add_condition(VariableCondition(BATTERY, lambda level: level < 0.2, "battery low"))
+    """
+
+    def __init__(self, variable: Variable[D], test: Callable[[D], object], name: str = "") -> None:
+        check("VariableCondition", checks.VARIABLE, variable=variable)
+        check("VariableCondition", checks.FUNCTION, test=test)
+        self.variable = variable
+        self.test = test
+        self.name = name or f"variable '{variable.name}' has passed its test"
+        self._goal: MissionGoal | None = None
+
+    def __str__(self) -> str:
+        return self.name
+
+    def attach(self, goal: MissionGoal) -> None:
+        """Set the mission that asks central. ``add_condition`` calls it."""
+        self._goal = goal
+
+    def is_verified(self) -> bool:
+        """Return whether the newest value passes the test.
+
+        Raises:
+            MisuseError: the condition was not added to a mission.
+        """
+        if self._goal is None:
+            raise MisuseError(f"condition '{self}' has no mission: call add_condition() first")
+        value = self._goal.sender.get_variable(self.variable, _UNSET)
+        return value is not _UNSET and bool(self.test(value))
+
+
+class NegatedCondition:
+    """A condition that is verified when another one is not.
+
+    Args:
+        condition: the other condition.
+        name: the text of the exception. Default: "not CONDITION".
+
+    Example::
+
+        mission.add_condition(NegatedCondition(ConditionIsRunning(watch), "the watch has ended"))
+    """
+
+    def __init__(self, condition: MissionCondition, name: str = "") -> None:
+        check("NegatedCondition", CONDITION, condition=condition)
+        self.condition = condition
+        self.name = name or f"not {condition}"
+
+    def __str__(self) -> str:
+        return self.name
+
+    def is_verified(self) -> bool:
+        """Return whether the other condition is not verified now."""
+        return not self.condition.is_verified()
 
 
 class ConditionVerified(TcaError):
@@ -97,19 +204,33 @@ class ActiveConditions:
         """Whether the last check found a condition verified, or its task failed."""
         return self._interruption is not None
 
-    def add(self, condition: MissionCondition) -> None:
+    def add(self, condition: MissionCondition, goal: MissionGoal) -> None:
         """Add a condition."""
+        if isinstance(one := _inner(condition), VariableCondition):
+            one.attach(goal)
         self._conditions.append(condition)
+
+    def living_tasks(self) -> list[TaskHandle]:
+        """Return the tasks of conditions whose end the mission has not learned."""
+        tasks = [task for condition in self._conditions for task in tasks_of(condition)]
+        return [task for task in tasks if not task.is_known_over]
 
     def clear(self) -> list[TaskHandle]:
         """Remove all conditions. Return the tasks to stop."""
+        conditions = map(_inner, self._conditions)
         tasks = [
-            condition.task
-            for condition in self._conditions
-            if isinstance(condition, ConditionIsCompleted) and condition.stop_on_clear
+            one.task
+            for one in conditions
+            if isinstance(one, ConditionIsCompleted) and one.stop_on_clear
         ]
         self._conditions.clear()
         return tasks
+
+    def take_all_as_verified(self) -> ConditionVerified:
+        """Remove all conditions. Return the exception that they are all verified."""
+        verified = ConditionVerified(self._conditions)
+        self._conditions.clear()
+        return verified
 
     def check(self) -> bool:
         """Check whether a condition is verified, or its task has failed."""
@@ -126,3 +247,18 @@ class ActiveConditions:
             self.check()
         interruption, self._interruption = self._interruption, None
         return interruption
+
+
+def tasks_of(condition: MissionCondition) -> list[TaskHandle]:
+    """Return the task that a condition is about, if it is about one."""
+    inner = _inner(condition)
+    if isinstance(inner, ConditionIsCompleted | ConditionIsRunning):
+        return [inner.task]
+    return []
+
+
+def _inner(condition: MissionCondition) -> MissionCondition:
+    """Return the condition inside of negated ones."""
+    while isinstance(condition, NegatedCondition):
+        condition = condition.condition
+    return condition

@@ -1,13 +1,15 @@
-"""Ctrl-C while a task is being sent.
+"""Ctrl-C in the program of a mission.
 
-If Ctrl-C came before the mission knew the task, the mission could not stop the task.
+If Ctrl-C came while a task is being sent, the mission would not know the task, and could not stop
+it.
 """
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
+from types import FrameType, TracebackType
 
 
 @contextmanager
@@ -34,3 +36,18 @@ def delay_interrupt() -> Iterator[None]:
         signal.signal(signal.SIGINT, original)
         if held:
             signal.raise_signal(signal.SIGINT)
+
+
+def report_in_one_line(text: str) -> None:
+    """Print *text* in place of a traceback if Ctrl-C ends the program."""
+    before = sys.excepthook
+
+    def report(
+        kind: type[BaseException], error: BaseException, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            print(text, file=sys.stderr)
+        else:
+            before(kind, error, trace)
+
+    sys.excepthook = report

@@ -17,12 +17,14 @@ from tca_module import MisuseError
 _VERSION = 2
 
 
-class TaskBegun(msgspec.Struct, frozen=True):
+class TaskBegun(msgspec.Struct, frozen=True, omit_defaults=True):
     """A task that a step has started: its name, and its number in the central of *epoch*."""
 
     name: str
     id: int
     epoch: str
+    message: str = ""
+    """The name of its command; "" in older files: that of the mission's server."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"

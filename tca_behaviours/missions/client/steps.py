@@ -52,7 +52,9 @@ class Steps:
     def record_task(self, task: TaskHandle) -> None:
         """Record that a task was started, if a step is under way."""
         if self._under_way:
-            begun = TaskBegun(task.name, int(task.id), getattr(task.id, "epoch", ""))
+            begun = TaskBegun(
+                task.name, int(task.id), getattr(task.id, "epoch", ""), task.sent.message
+            )
             self._record(StepLine(self._under_way[-1], "task", begun))
 
     def skip(self, name: str) -> None:

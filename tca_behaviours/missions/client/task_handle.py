@@ -1,13 +1,19 @@
 """A task that a mission has started."""
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
 from tca_behaviours.missions.client.errors import MissionTaskFailed, describe_end
 from tca_behaviours.missions.outcomes import Status, TaskEnd, status_of
 from tca_module import BadData, MisuseError, SentTask, TaskFailed, TaskKilled
+
+
+class TaskOwner(Protocol):
+    """The tasks of a mission."""
+
+    def on_task_end(self, task: "TaskHandle") -> None:
+        """Forget a task that has ended."""
 
 
 class TaskHandle:
@@ -20,14 +26,13 @@ class TaskHandle:
         failure: the name of the failure that ended the task; "" if there was none.
     """
 
-    def __init__(
-        self, name: str, sent: SentTask[Any], on_end: "Callable[[TaskHandle], None]"
-    ) -> None:
+    def __init__(self, name: str, sent: SentTask[Any], owner: TaskOwner) -> None:
+        """*owner*: the tasks of the mission that waits for this one."""
         self.name = name
         self.sent = sent
         self.parameters: dict[str, Any] = {}
         self.failure = ""
-        self._on_end = on_end
+        self.owner = owner
         self._end: TaskEnd | None = None
 
     def __repr__(self) -> str:
@@ -71,7 +76,7 @@ class TaskHandle:
         """Record how the task has ended. Called after the end."""
         if self._end is None:
             self._end = self._read_end()
-            self._on_end(self)
+            self.owner.on_task_end(self)
 
     def result(self) -> TaskEnd:
         """Return the outcome of a task that has ended.
@@ -119,9 +124,12 @@ class TaskHandle:
             )
 
 
-def check_handles(*tasks: object) -> None:
-    """Raise MisuseError unless all are tasks that a mission has started."""
+def check_handles(*tasks: object, owner: TaskOwner | None = None) -> None:
+    """Raise MisuseError unless all are tasks that a mission has started: the mission of *owner*."""
     for task in tasks:
         if not isinstance(task, TaskHandle):
             advice = "give the TaskHandle that start(), or a call with foreground=False, returned"
             raise MisuseError(f"{task!r:.60} is not a started task: {advice}")
+        if owner is not None and task.owner is not owner:
+            advice = "open one with Mission(..., beside=other), or use find_task()"
+            raise MisuseError(f"{task} belongs to another mission: {advice}")

@@ -159,7 +159,7 @@ class Definition:
             "task": self.name,
             "help": help_of(task),
             "periodic": self.is_periodic,
-            "idle": is_idle,
+            **({"idle": True} if is_idle else {}),
             "parameters": sorted(fields, key=lambda name: name in COMMON),
         }
         self.format = TaskFormat(task, fields, marker)
