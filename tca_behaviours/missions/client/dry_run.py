@@ -11,6 +11,7 @@ from typing import Any
 from tca_behaviours.missions.client.conditions import ActiveConditions
 from tca_behaviours.missions.client.task_handle import TaskHandle, TaskOwner
 from tca_behaviours.missions.outcomes import Status, TaskEnd
+from tca_wire.text.measures import counted
 
 OPTION = "--check"
 _MOST_CALLS = 1000  # calls of tasks after which a dry run ends: many missions are endless loops
@@ -48,8 +49,8 @@ class DryRun:
 
     def report(self, mission: str) -> None:
         """Print the result of a dry run without an error."""
-        loop = ", the most that a check makes" if self.calls == _MOST_CALLS else ""
-        print(f"mission '{mission}': {self.calls:,} calls of tasks are correct{loop}")
+        loop = ", the most that one check covers" if self.calls == _MOST_CALLS else ""
+        print(f"mission '{mission}': checked {counted(self.calls, 'call')} of tasks{loop}")
 
     def count_call(self, conditions: ActiveConditions) -> None:
         """Count the call of a task.

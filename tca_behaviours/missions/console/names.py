@@ -4,7 +4,10 @@ import pydoc
 from collections.abc import Callable
 from typing import Any
 
+from tca_behaviours.missions.client.errors import UnknownTask
 from tca_behaviours.missions.client.mission import Mission
+from tca_module import MisuseError, TcaError
+from tca_wire.text.nearest import nearest_or_all
 
 
 class ConsoleNames:
@@ -25,6 +28,22 @@ class ConsoleNames:
             "status": self.status,
             "help": self.help,
         }
+
+    def describe(self, error: BaseException) -> str:
+        """Describe the error of a typed line in one line, with advice.
+
+        A name that is not known, and a call with the wrong arguments, are described as the errors
+        of missions are.
+        """
+        kind, text = type(error), str(error)
+        if isinstance(error, KeyboardInterrupt):
+            text = "status() shows the tasks that still run"
+        elif isinstance(error, NameError) and not isinstance(error, TcaError):
+            known = nearest_or_all(error.name or "", self.names, "there are")
+            kind, text = UnknownTask, f"there is no task '{error.name}': {known}"
+        elif isinstance(error, TypeError):
+            kind, text = MisuseError, f"{text}: help() explains the calls"
+        return f"{kind.__name__}: {text}"
 
     def index(self) -> None:
         """List the tasks of the server."""
@@ -50,6 +69,8 @@ class ConsoleNames:
                 "index() lists the tasks, status() the running ones, help(TASK) explains one."
             )
             self._show("TASK(..., foreground=False) runs in the background.")
+            self._show("mission.stop_task(NUMBER) stops a task that status() shows.")
+            self._show("mission.idle() stops all tasks of the server.")
             self._show("Ctrl-C stops the task that you wait for. Ctrl-D leaves.")
             return
         name = task if isinstance(task, str) else getattr(task, "__name__", "")

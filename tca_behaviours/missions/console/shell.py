@@ -17,7 +17,18 @@ def run_shell(console: ConsoleNames) -> None:
     names: dict[str, Any] = console.names
     make_shell: Any = InteractiveShellEmbed
     shell = make_shell(config=settings, user_ns=names, banner1="", exit_msg="")
-    shell.set_custom_exc((TcaError, KeyboardInterrupt), _show_in_one_line)
+
+    def show_in_one_line(
+        _: InteractiveShell,
+        __: type[BaseException],
+        error: BaseException,
+        *_trace: object,
+        **___: object,
+    ) -> None:
+        """Print an error of a mission, a mistyped call, or Ctrl-C, without a traceback."""
+        print(console.describe(error))
+
+    shell.set_custom_exc((TcaError, KeyboardInterrupt, NameError, TypeError), show_in_one_line)
 
     def learn(*_: object) -> None:
         """Add the tasks that were offered since the last line."""
@@ -29,14 +40,3 @@ def run_shell(console: ConsoleNames) -> None:
     console.index()
     console.help()
     shell(stack_depth=0)
-
-
-def _show_in_one_line(
-    _: InteractiveShell,
-    kind: type[BaseException],
-    error: BaseException,
-    *_trace: object,
-    **__: object,
-) -> None:
-    """Print an error of a mission, or Ctrl-C, without a traceback: the text says what to do."""
-    print(f"{kind.__name__}: {str(error) or 'status() shows the tasks that still run'}")
