@@ -53,6 +53,7 @@ QUOTES = {
     'WATCH = Command("watch"': "37_follow_and_update",
     "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
     'with (\n    TaskServer("cart", Cart(), tasks=[Drive, WaitForRain]': "41_mission",
+    'with (\n    TaskServer("truck", Truck()': "42_three_servers",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
     "@expert.handles(GO_ROUND)": "11_retry_ladder",
