@@ -174,6 +174,7 @@ class Due(StrEnum):
 
     RELEASE = "release"  # a constraint's delay is over
     DEADLINE = "deadline"  # a task's point should have been reached
+    ATTEMPT = "attempt"  # the attempt of a task with a retry policy should have ended
     KILL = "kill"  # a planned kill is due
     TEST = "test"  # a polling monitor tests its condition
     MONITOR_OVER = "watched"  # the duration of a monitor is over

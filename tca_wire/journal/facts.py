@@ -506,6 +506,12 @@ class Retried(TaskFact, frozen=True, tag="retried"):
 
     body: bytes
     by: str
+    failed: TaskId = ROOT
+    """The task whose failure the retry policy deals with (0: no policy retries it)."""
+    pause: Constraint | None = None
+    """The delay that holds the retry of a policy."""
+    fallback: str = ""
+    """The message that replaces the task now, instead of another handling."""
 
 
 # --- wiretaps and monitors ------------------------------------------------------------------------
