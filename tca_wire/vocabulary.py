@@ -236,6 +236,7 @@ class Limit(IntEnum):
     TEXT = 16_384
     ITEMS = 500  # in a packet to central: all others wait while it is handled
     LIST = 1000  # entries of a list in a header
+    ATTEMPTS = 1000  # of a task with a retry policy
     PARTS = 2000  # entries of all lists in the headers of a packet to central
 
 

@@ -20,10 +20,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import UNCERTAIN
 from tca_wire.packets.parts import RetryPolicy
 from tca_wire.points import START_HANDLING
-from tca_wire.vocabulary import CENTRAL, LONGEST_TIME, Refusal, Role
-
-MOST_ATTEMPTS = 1000
-"""Attempts that a retry policy may ask for."""
+from tca_wire.vocabulary import CENTRAL, LONGEST_TIME, Limit, Refusal, Role
 
 BY_POLICY = 0
 """The number that stands for a policy where attachments have theirs."""
@@ -31,8 +28,10 @@ BY_POLICY = 0
 
 def check_policy(central: State, wanted: RetryPolicy) -> None:
     """Raise RequestError if a retry policy is not possible."""
-    if not 1 <= wanted.attempts <= MOST_ATTEMPTS:
-        text = f"a retry policy with {wanted.attempts} attempts: 1 to {MOST_ATTEMPTS} are possible"
+    if not 1 <= wanted.attempts <= Limit.ATTEMPTS:
+        text = (
+            f"a retry policy with {wanted.attempts} attempts: 1 to {Limit.ATTEMPTS:d} are possible"
+        )
         raise RequestError(Refusal.PROTOCOL, text)
     for seconds in (wanted.pause, wanted.longest_pause, wanted.attempt_timeout):
         checked_seconds(seconds, "a retry policy with a time")
