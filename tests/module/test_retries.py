@@ -103,7 +103,7 @@ def test_attempt_that_takes_too_long_is_retried(legs: Module, user: Client) -> N
                 task.sleep(SOON)
 
     with legs.running():
-        retry = Retry(2, pause=0, attempt_timeout=0.05, failures=[TIMEOUT])
+        retry = Retry(2, pause=0, attempt_timeout=0.3, failures=[TIMEOUT])
         assert user.command(CALL_HELP, 1.0, retry=retry).wait(SOON) is Outcome.DONE
     assert attempts == [False, False]
 
