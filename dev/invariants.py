@@ -15,7 +15,7 @@ from tca_central.model.intervals import delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
 from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
-from tca_central.model.tasks import Retention, Scheduled, Task, Watch
+from tca_central.model.tasks import Policy, Retention, Scheduled, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import Collector, State
@@ -42,6 +42,7 @@ def check_invariants(central: State) -> None:
         _check_delivery(central, task)
         _check_suspension(central, task)
         _check_state(task)
+        _check_policy(task)
     for check in (
         _check_watches,
         _check_resources,
@@ -88,6 +89,16 @@ def _check_watches(central: State) -> None:
     assert central.watches == {
         watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)
     }
+
+
+def _check_policy(task: Task) -> None:
+    """Only an attempt at work has a timer, and only one that is to be replaced a replacement."""
+    policy = Policy.of(task)
+    if policy is not None:
+        assert policy.task is task, task
+        at_work = task.reached & START_HANDLING and not task.retry_pending
+        assert policy.timer is None or (at_work and not policy.timer.is_cancelled), task
+        assert policy.replacement is None or task.retry_pending, task
 
 
 def _check_state(task: Task) -> None:
@@ -548,4 +559,6 @@ def _task_size(task: Task) -> int:
         planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(
             task.clients.progress
         )
+    if (policy := Policy.of(task)) is not None:
+        planned += len(policy.declared.data)
     return TASK_BYTES + len(task.body) + len(task.result) + failure_size(task.failure) + planned

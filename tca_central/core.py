@@ -45,7 +45,7 @@ from tca_central.events import (
     Tick,
     Transmit,
 )
-from tca_central.failing import attaching, failures
+from tca_central.failing import attaching, failures, policies
 from tca_central.life_cycles import busy, changes, observing
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
@@ -391,22 +391,29 @@ class Central(State):
                         self._start_attempt(task)
                     monitors.start(self, task)
             return
-        for task in urgent:
-            if task.retry_pending:
-                self._start_attempt(task)
-        self.dispatcher.route_all([task for task in urgent if not task.killed])
+        replaced = {task for task in urgent if task.retry_pending and self._start_attempt(task)}
+        self.dispatcher.route_all(
+            [task for task in urgent if not (task.killed or task in replaced)]
+        )
 
-    def _start_attempt(self, task: Task) -> None:
-        """Start the next attempt of a retried task, unless a client's request ends the task."""
+    def _start_attempt(self, task: Task) -> bool:
+        """Start the next attempt of a retried task, unless a client's request ends the task.
+
+        Return whether the fallback of its retry policy replaces the attempt.
+        """
         changes.restart(self, task)
         if task.killed:
-            return
+            return False
         task.retry_pending = False
+        if policies.send_fallback(self, task):
+            claims.end_claims_of(self, task, "it is replaced")
+            return True
         task.handling_id = self.new_id()
         recovery = Recovery.of(task)
         recovery.attempts += 1
         recovery.exception_handler = None
         claims.end_claims_of(self, task, "it is retried")
+        return False
 
     def _on_ended(self, task: Task) -> None:
         """Clean up after a task that has ended, and report its end."""
@@ -418,6 +425,7 @@ class Central(State):
             steering.forget_pending(self, task.scheduled)
         if task.recovery is not None:
             attaching.forget_task(self, task)
+            policies.end_attempt(self, task)
         if task.tapping is not None:
             taps.forget_task(self, task)
         if task.retention is not None:
@@ -563,6 +571,7 @@ REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
 TIMERS: dict[Due, Callable[[Central, Never], None]] = {
     Due.RELEASE: lambda central, delay: central.agenda.end_delay(delay),
     Due.DEADLINE: steering.on_time_out,
+    Due.ATTEMPT: steering.on_attempt_time_out,
     Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,
     Due.MONITOR_OVER: monitors.on_duration_over,

@@ -59,6 +59,19 @@ from tca_module.serving.server import Server
 from tca_wire.constraints import Constraint
 from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import BASIC, GENERAL, Effect, LifeCycle, Transition, ending
+from tca_wire.messages.built_in import (
+    BAD_DATA,
+    CANCELLED,
+    DEADLOCK,
+    FORGOTTEN,
+    HANDLER_ERROR,
+    LOCK_LOST,
+    MODULE_LOST,
+    OVERLOAD,
+    REJECTED,
+    TIMEOUT,
+    UNCERTAIN,
+)
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import (
     Broadcast,
@@ -70,6 +83,7 @@ from tca_wire.messages.declarations import (
     Message,
     MultiQuery,
     Query,
+    Retry,
     Variable,
 )
 from tca_wire.messages.notices import (
@@ -84,11 +98,22 @@ from tca_wire.points import Edge, Interval, Moment, Point
 from tca_wire.vocabulary import Condition, Outcome, Party, Refusal, Scope
 
 __all__ = [
+    "BAD_DATA",
     "BASIC",
+    "CANCELLED",
+    "DEADLOCK",
+    "FORGOTTEN",
     "GENERAL",
     "HANDLERS_CHANGED",
+    "HANDLER_ERROR",
+    "LOCK_LOST",
     "MODULE_JOINED",
     "MODULE_LEFT",
+    "MODULE_LOST",
+    "OVERLOAD",
+    "REJECTED",
+    "TIMEOUT",
+    "UNCERTAIN",
     "Arrival",
     "AttachmentRef",
     "BadData",
@@ -148,6 +173,7 @@ __all__ = [
     "Refused",
     "Rejected",
     "ResourceInfo",
+    "Retry",
     "Scope",
     "Sender",
     "SentTask",

@@ -120,7 +120,8 @@ class Module(ModuleCallbacks):
         """Declare a part of the module that handles *capacity* messages at a time, one thread each.
 
         Handlers choose a resource with ``resource=``. Handlers without that option use the module's
-        own resource. It has the module's name, and can be declared here, too.
+        own resource. It has the module's name, and can be declared here, too. A resource without a
+        handler is a mutex: ``with task.lock("gripper")`` lets one holder at a time continue.
 
         Args:
             name: the resource's name, 1 to 128 printable characters.
@@ -438,10 +439,12 @@ class Module(ModuleCallbacks):
         handled = {handler.resource for handler in self._handlers.values()}
         used = handled | self._slots.with_callbacks
         for name, plan in sorted(self._resources.items()):
-            if plan.is_declared and name not in used:
+            if plan.is_declared and name not in used and plan.capacity > 1:
                 text = f"resource '{name}' of module '{self.name}' has no handler"
-                advice = f"declare a handler with resource='{name}'"
-                self._log.warning("%s, so it can't be locked: %s", text, advice)
+                advice = f"declare a handler with resource='{name}', or leave capacity= out"
+                self._log.warning("%s, so it can only be locked: %s", text, advice)
+        # A declared resource without a handler is a mutex: its slot lets others lock it.
+        used |= {name for name, plan in self._resources.items() if plan.is_declared}
         opened = [name for name in self._resources if name in used]
         self._slots.open(opened, self._resources, open_slot)
 

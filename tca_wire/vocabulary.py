@@ -174,6 +174,7 @@ class Due(StrEnum):
 
     RELEASE = "release"  # a constraint's delay is over
     DEADLINE = "deadline"  # a task's point should have been reached
+    ATTEMPT = "attempt"  # the attempt of a task with a retry policy should have ended
     KILL = "kill"  # a planned kill is due
     TEST = "test"  # a polling monitor tests its condition
     MONITOR_OVER = "watched"  # the duration of a monitor is over
@@ -235,6 +236,7 @@ class Limit(IntEnum):
     TEXT = 16_384
     ITEMS = 500  # in a packet to central: all others wait while it is handled
     LIST = 1000  # entries of a list in a header
+    ATTEMPTS = 1000  # of a task with a retry policy
     PARTS = 2000  # entries of all lists in the headers of a packet to central
 
 

@@ -164,6 +164,8 @@ def _send(central: State, connection: Connection, header: headers.Send) -> None:
     _constrain(central, connection, header)
     for attachment in header.attachments:
         _need(connection, SEND, attachment.handler)
+    if header.retry is not None and header.retry.fallback:
+        _need(connection, SEND, header.retry.fallback)
 
 
 def _attach(central: State, connection: Connection, header: headers.Attach) -> None:

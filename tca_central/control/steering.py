@@ -14,7 +14,7 @@ from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, MessageType
 from tca_central.model.intervals import checked_moment
 from tca_central.model.stored import Stored
-from tca_central.model.tasks import Scheduled, Task, Verdict
+from tca_central.model.tasks import Policy, Recovery, Scheduled, Task, Verdict
 from tca_central.outgoing.central_messages import make_task, suspend
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -162,8 +162,19 @@ def on_time_out(central: State, deadline: PendingDeadline) -> None:
     task, moment = deadline.task, deadline.moment
     del Scheduled.of(task).pending[deadline]
     if not (task.killed or task.reached & moment):
+        if (policy := Policy.of(task)) is not None:
+            policy.allow_no_retry()
         text = f"{describe_moments(moment)[0]} not reached within {deadline.seconds:g} s"
         raise_failure(central, task, RaisedFailure(TIMEOUT, text))
+
+
+def on_attempt_time_out(central: State, policy: Policy) -> None:
+    """Raise the failure "timeout" on a task whose attempt takes longer than its policy allows."""
+    policy.timer = None
+    if not policy.task.killed:
+        attempt, seconds = Recovery.of(policy.task).attempts, policy.declared.attempt_timeout
+        text = f"attempt {attempt} not done within {seconds:g} s"
+        raise_failure(central, policy.task, RaisedFailure(TIMEOUT, text))
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:

@@ -18,7 +18,8 @@ is then handled again with the new goal. A cancel kills the task.
 from msgspec.structs import replace
 
 from tca_central.errors import RequestError
-from tca_central.failing.failures import check_order, kill, retry_task
+from tca_central.failing.failures import kill, retry_task
+from tca_central.failing.retry_order import check_order
 from tca_central.model.deliveries import Connection
 from tca_central.model.tasks import ClientRequest, Task, Verdict
 from tca_central.state import State

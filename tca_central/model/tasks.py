@@ -8,11 +8,14 @@ have no parts, which saves much memory where there are hundreds of thousands of 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+import msgspec
+
 from tca_central.model.budget import DELIVERY_BYTES, TASK_BYTES
-from tca_central.model.clock import Timer
+from tca_central.model.clock import Clock, Timer
 from tca_central.model.deliveries import (
     AttachedHandler,
     Connection,
+    Context,
     Delivery,
     Handler,
     MessageType,
@@ -20,7 +23,7 @@ from tca_central.model.deliveries import (
     Wiretap,
 )
 from tca_central.model.stored import Stored
-from tca_wire.packets.parts import Involved, Watching, WatchOptions
+from tca_wire.packets.parts import Involved, RetryPolicy, Watching, WatchOptions
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import CENTRAL, Due, Outcome, Role
 
@@ -273,6 +276,7 @@ class Recovery(Stored):
         "foreign_monitors",
         "invocations",
         "is_dealt_with",
+        "policy",
         "retry_requesters",
         "unprocessed_decisions",
     )
@@ -288,6 +292,7 @@ class Recovery(Stored):
         self.attempts = 1  #: number of handlings of the task so far, including the present one
         #: Exception handlers that want a retry and have not ended.
         self.retry_requesters: dict[Task, None] = {}
+        self.policy: Policy | None = None
         #: Number of foreign monitors under the task. A retry does not end them.
         self.foreign_monitors = 0
         #: Number of exception handlers of the task that have ended, and whose decisions are not
@@ -300,6 +305,49 @@ class Recovery(Stored):
         if task.recovery is None:
             task.recovery = Recovery()
         return task.recovery
+
+
+class Policy(Stored):
+    """A task's retry policy at work."""
+
+    __slots__ = ("declared", "fallback", "replacement", "task", "timer")
+
+    def __init__(self, task: Task, declared: RetryPolicy, fallback: MessageType | None) -> None:
+        self.task, self.declared = task, declared
+        self.fallback = fallback  #: the message that replaces the task after its last attempt
+        #: The context of the fallback. Set when the last attempt has failed, until the fallback is
+        #: sent.
+        self.replacement: Context | None = None
+        self.timer: Timer | None = None  #: when the running attempt takes too long
+
+    @staticmethod
+    def of(task: Task) -> "Policy | None":
+        """Return the task's retry policy; None without any."""
+        return task.recovery.policy if task.recovery is not None else None
+
+    @property
+    def has_attempts_left(self) -> bool:
+        """Whether the policy allows another attempt."""
+        return Recovery.of(self.task).attempts < self.declared.attempts
+
+    @property
+    def pause(self) -> float:
+        """The seconds from the failure of the present attempt to the next attempt."""
+        pause, longest = self.declared.pause, self.declared.longest_pause
+        for _ in range(Recovery.of(self.task).attempts - 1):
+            if pause >= longest:
+                break
+            pause *= self.declared.backoff
+        return min(pause, longest)
+
+    def allow_no_retry(self) -> None:
+        """Have the present attempt be the last."""
+        self.declared = msgspec.structs.replace(self.declared, attempts=0)
+
+    def begin_attempt(self, clock: Clock) -> None:
+        """Start the timer of an attempt: a handler has the task."""
+        if self.declared.attempt_timeout:
+            self.timer = clock.after(self.declared.attempt_timeout, Due.ATTEMPT, self)
 
 
 class Tapping(Stored):

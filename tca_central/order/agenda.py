@@ -45,6 +45,7 @@ class Agenda(Stored):
     """The decision which moments are reached, and the queues of results that the core empties."""
 
     __slots__ = (
+        "_clock",
         "_facts",
         "ended",
         "ended_waits",
@@ -64,7 +65,7 @@ class Agenda(Stored):
     def __init__(self, tree: TaskTree, facts: list[Fact], clock: Clock) -> None:
         self.tree = tree
         self.holds = Holds(tree, facts, clock)
-        self._facts = facts
+        self._facts, self._clock = facts, clock
         self.to_advance: deque[Task] = deque()  #: tasks that may have become able to advance
         self.startable: deque[Task] = deque()  #: tasks that may be given to a handler
         #: Tasks whose handlers returned without answering clients' requests.
@@ -166,6 +167,8 @@ class Agenda(Stored):
 
     def mark_started(self, task: Task) -> None:
         """Reach the first moments of a task that was given to a handler."""
+        if task.recovery is not None and task.recovery.policy is not None:
+            task.recovery.policy.begin_attempt(self._clock)
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
             # A goal's achieving may start now. A monitor that was ended by a request before its

@@ -32,6 +32,7 @@ from tca_wire.points import (
     END_PLANNING,
     ROOT,
     START_ACHIEVING,
+    START_HANDLING,
     START_PLANNING,
     STARTS,
     THIS,
@@ -151,6 +152,11 @@ class Holds(Stored):
         task.held += 1 << _SHIFT[moment]
         self._release_later(task, moment, recorded, constraint.delay)
         return recorded
+
+    def pause(self, task: Task, seconds: float) -> Constraint:
+        """Hold the next handling of a task for *seconds*. Return the constraint for the journal."""
+        wanted = Constraint(_TIME_ZERO, Point(task.id, Moment.START_HANDLING), seconds)
+        return self._delay(wanted, task, START_HANDLING)
 
     def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
         """Set the timer that releases a moment after *delay* seconds."""

@@ -13,6 +13,7 @@ from tca_central.control.steering import (
 )
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
+from tca_central.failing.policies import adopt, check_policy
 from tca_central.model.budget import ATTACHED_BYTES, EDGE_BYTES, TIMER_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.contexts import RaisedFailure
@@ -161,6 +162,7 @@ def _send_task(
         or header.deadline
         or header.keep
         or header.suspended
+        or header.retry
     )
     if has_extras:
         _check_extras(central, header)
@@ -226,12 +228,19 @@ def _check_extras(central: State, header: Send) -> None:
     central.check_declared(TIMER_BYTES * timers + ATTACHED_BYTES * len(header.attachments))
     if header.keep:
         check_retained_room(central)
+    if header.retry is not None:
+        if header.when_killed or central.registry.messages[header.message].message_class.is_monitor:
+            text = f"'{header.message}' takes no retry policy here: send it as a goal or command"
+            raise RequestError(Refusal.PROTOCOL, text)
+        check_policy(central, header.retry)
 
 
 def _add_extras(central: State, connection: Connection, task: Task, header: Send) -> None:
     """Suspend or retain a new task and attach exception handlers to it, as its sender wants."""
     if header.suspended and not task.killed:
         suspend(central, task, by=connection.module.name, is_new=True)
+    if header.retry is not None:
+        adopt(central, task, header.retry)
     for attachment in header.attachments:
         attach(central, attachment, task, connection.module)
     if header.keep:

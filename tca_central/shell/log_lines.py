@@ -8,6 +8,8 @@ from tca_central.core import Central
 from tca_central.events import Record
 from tca_central.shell.loss_log import LossLog, loss_in
 from tca_wire.journal import facts
+from tca_wire.messages.failures import misspelt
+from tca_wire.text.nearest import nearest
 from tca_wire.text.printable import first_line, printable, shortened
 
 NAMED = 3
@@ -63,6 +65,8 @@ class LogLines:
             facts.ModuleLeft: lambda fact, _: log.info(
                 "module '%s' left: %s", fact.module, fact.why
             ),
+            facts.Attached: self._attached,
+            facts.Unhandled: self._unhandled_failure,
             facts.Queued: self._queued,
             facts.Retried: self._retried,
             facts.HandlerAdded: lambda fact, _: self._unhandled.discard(fact.message),
@@ -114,6 +118,21 @@ class LogLines:
             self._log.warning(
                 "failure '%s' of %s%s%s", failure, named, more, f": {reason}" if reason else ""
             )
+
+    def _attached(self, fact: facts.Attached, _: Record) -> None:
+        """Warn of an exception handler that nothing calls: its failure has a name of its own."""
+        if meant := misspelt(fact.failure):
+            text = "exception handler '%s' is attached to failure '%s': did you mean '%s'?"
+            self._log.warning(text, fact.handler, fact.failure, meant)
+
+    def _unhandled_failure(self, fact: facts.Unhandled, record: Record) -> None:
+        """Warn of exception handlers for a failure with a similar name."""
+        found = (one for one in record.entry.facts if isinstance(one, facts.Failed))
+        name = next((one.failure for one in found if one.id == fact.task), "")
+        known = {one.failure for one in self._central.attached.values()}
+        if name not in known and (similar := nearest(name, known)):
+            text = "failure '%s' has no exception handler, but '%s' has one: do both mean the same?"
+            self._log.warning(text, name, similar)
 
     def _retried(self, fact: facts.Retried, _: Record) -> None:
         """Warn once of a task that is retried often."""

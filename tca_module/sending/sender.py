@@ -13,7 +13,7 @@ from tca_module.checks import (
     check_function,
     check_options,
 )
-from tca_module.errors import Refused
+from tca_module.errors import MisuseError, Refused
 from tca_module.sending.attachments import Recovery
 from tca_module.sending.questions import QuestionServices
 from tca_module.sending.replies import Notification
@@ -30,6 +30,7 @@ from tca_wire.messages.declarations import (
     MultiQuery,
     Query,
     R,
+    Retry,
     TaskMessage,
 )
 from tca_wire.packets.headers import Constrain, Send
@@ -43,6 +44,9 @@ _RECOVERIES = checks.list_of(
     "a list of recoveries, such as [Recovery(COLLISION, RAISE_LEG)]",
     checks.instance_of("a recovery", Recovery),
 )
+
+
+_RETRY = checks.instance_of("a Retry, such as Retry(3)", Retry).or_none(" for no retry")
 
 
 class TaskOptions(TypedDict, total=False):
@@ -64,6 +68,7 @@ class TaskOptions(TypedDict, total=False):
         delay: the seconds from now until the earliest start of the task. Default: 0.
         keep: retain the task's data, outcome and place in the tree after its end, as ``keep()``
             does. Default: False.
+        retry: how central retries the task if it fails. Default: the ``Retry`` of its declaration.
         suspended: create the task suspended; it starts after ``resume()``. To order it with other
             tasks, add the constraints before ``resume()``. Default: False.
     """
@@ -78,6 +83,7 @@ class TaskOptions(TypedDict, total=False):
     deadline: Annotated[float | None, checks.DURATION_OR_NONE]
     delay: Annotated[float, checks.SECONDS]
     keep: Annotated[bool, checks.FLAG]
+    retry: Annotated[Retry | None, _RETRY]
     suspended: Annotated[bool, checks.FLAG]
 
 
@@ -114,7 +120,8 @@ class Sender(WatchingServices, QuestionServices):
             message: the Goal.
             data: its data. Default: None, for a goal without data.
             options: see ``TaskOptions``: sequential, sequential_planning, plan_first,
-                delay_planning, priority, constraints, on_failure, deadline, delay, keep, suspended.
+                delay_planning, priority, constraints, on_failure, retry, deadline, delay, keep,
+                suspended.
 
         Returns:
             The SentTask: wait for it, follow it, cancel it, or use its points in constraints.
@@ -175,19 +182,23 @@ class Sender(WatchingServices, QuestionServices):
         check_class(message, Command)
         return self._task(message, data, options)
 
-    def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> SentTask[R]:
+    def _task(self, message: TaskMessage[D, R], data: D, options: TaskOptions) -> SentTask[R]:
         task = self._send_task(message, data, options, must_be_handled=False)
         assert task is not None
         return task
 
     def _send_task(
-        self, message: Message[D, R], data: D, options: TaskOptions, *, must_be_handled: bool
+        self, message: TaskMessage[D, R], data: D, options: TaskOptions, *, must_be_handled: bool
     ) -> SentTask[R] | None:
         """Send a task and return it. Returns None if it *must_be_handled* but has no handler."""
         if options:
             check_options(message.title, options, TaskOptions)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
-        connection = self._declare(message, *(recovery.handler for recovery in recoveries))
+        retry = options.get("retry", message.retry)
+        others: list[Message[Any, Any]] = [recovery.handler for recovery in recoveries]
+        if retry is not None and retry.fallback is not None:
+            others.append(retry.fallback)
+        connection = self._declare(message, *others)
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(
@@ -212,6 +223,7 @@ class Sender(WatchingServices, QuestionServices):
             if_handled=must_be_handled,
             keep=options.get("keep", False),
             suspended=options.get("suspended", False),
+            retry=retry.policy_for(message) if retry is not None else None,
         )
         if not must_be_handled:
             task_id = connection.send_task(header, body, message.title)
@@ -485,7 +497,7 @@ class Sender(WatchingServices, QuestionServices):
 
     @overload
     def execute_if_handled(
-        self, message: TaskMessage[None, R], data: None = None
+        self, message: TaskMessage[None, R], data: None = None, **options: Unpack[TaskOptions]
     ) -> SentTask[R] | None: ...
     @overload
     def execute_if_handled(self, message: Query[None, R], data: None = None) -> R | None: ...
@@ -498,14 +510,18 @@ class Sender(WatchingServices, QuestionServices):
         self, message: Inform[None] | Broadcast[None], data: None = None
     ) -> bool: ...
     @overload
-    def execute_if_handled(self, message: TaskMessage[D, R], data: D) -> SentTask[R] | None: ...
+    def execute_if_handled(
+        self, message: TaskMessage[D, R], data: D, **options: Unpack[TaskOptions]
+    ) -> SentTask[R] | None: ...
     @overload
     def execute_if_handled(self, message: Query[D, R], data: D) -> R | None: ...
     @overload
     def execute_if_handled(self, message: MultiQuery[D, R], data: D) -> list[R] | None: ...
     @overload
     def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D) -> bool: ...
-    def execute_if_handled(self, message: Any, data: Any = None) -> Any:
+    def execute_if_handled(
+        self, message: Any, data: Any = None, **options: Unpack[TaskOptions]
+    ) -> Any:
         """Send a message only if it has a handler now (TCA 8.5: tcaMaybeExecute).
 
         Central checks and sends in one step. The handler may still be lost afterwards.
@@ -513,13 +529,14 @@ class Sender(WatchingServices, QuestionServices):
         Args:
             message: the message, of any class that ``execute`` accepts.
             data: its data. Default: None, for a message without data.
+            options: for a goal or command, see ``TaskOptions``.
 
         Returns:
             The result of ``execute``, or None if the message has no handler. For an inform or
             broadcast: True if it was sent.
 
         Raises:
-            MisuseError: the message's class cannot be sent.
+            MisuseError: the message's class cannot be sent, or an option is wrong.
 
         Example::
 
@@ -529,7 +546,10 @@ class Sender(WatchingServices, QuestionServices):
         """
         check_class(message, *EXECUTED, call="execute_if_handled")
         if isinstance(message, TaskMessage):
-            return self._send_task(message, data, {}, must_be_handled=True)
+            return self._send_task(message, data, options, must_be_handled=True)
+        if options:
+            text = f"has no option {next(iter(options))}: only goals and commands have options"
+            raise MisuseError(f"{message.title} {text}")
         if isinstance(message, Query | MultiQuery):
             return self._ask_if_handled(message, data)
         body = message.encode_data(data)

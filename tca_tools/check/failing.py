@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from tca_tools.check.missions import check_recovered
-from tca_tools.check.records import MessageRecord
+from tca_tools.check.records import Hold, MessageRecord
 from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, QUEUED, RECOVERED, RESOLVED, SUSPENDED
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
@@ -62,7 +62,10 @@ def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None
     handler = world.task(fact.handler, "was called as exception handler")
     if handler is None:
         return
-    _pop_search(world, task, f"was caught by {handler}")
+    if fact.attachment:
+        _pop_search(world, task, f"was caught by {handler}")
+    else:  # the fallback of a retry policy has resolved the failure, unless it fails
+        task.is_retry_due, handler.has_resolved = False, True
     if not fact.is_beside:
         task.deciding = handler.id
     task.recovering = (*task.recovering, handler.id)
@@ -78,7 +81,7 @@ def _call_errors(
     """Yield the errors in a call of an exception handler, according to its attachment."""
     attached = world.attached.get(fact.attachment)
     if attached is None:
-        if world.is_whole:
+        if world.is_whole and fact.attachment:
             yield f"was called by attachment {{{fact.attachment}}}, which does not exist"
         return
     at = next((one for one in _lineage(task) if one.id == fact.at), None)
@@ -298,8 +301,13 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
     asking = world.known(world.asked_by)
     if asking is not None and asking.role is Role.EXCEPTION:
         asking.has_resolved = True
+    if fact.failed and (failing := world.task(fact.failed, "failed and was retried")) is not None:
+        after = _pop_search(world, failing, "was retried by a policy")
+        failing.has_returned |= after >= OWN and fact.failed != fact.task
     if (item := world.task(fact.task, "was retried")) is None:
         return
+    if fact.pause is not None:
+        item.holds.append(Hold(fact.pause, None, fact.pause.delay))
     if item.is_killed:
         world.report(KILLED, item, "was retried after it was killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False

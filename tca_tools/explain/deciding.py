@@ -93,6 +93,12 @@ def retry_in_words(run: Run, task: Task, retry: Retry) -> str:
     if handler is not None and (failed := called_for(run, handler)) is not task:
         failure = first_line(failed.value_at("failure", handler.received))
         why += f": {handler}, called for {failed}, which had failed: {failure}"
+    if retry.failed:
+        failed = run.tasks.get(retry.failed, task)
+        why = f", because {failed} failed" if failed is not task else ""
+        if retry.fallback:
+            return f"replaced by {retry.fallback} of its retry policy{why}"
+        return f"retried by its policy, attempt {retry.handlings + 1}{why}"
     with_data = " with other data" if retry.has_other_data else ""
     return f"retried{with_data}{why}"
 

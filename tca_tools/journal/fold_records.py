@@ -223,7 +223,11 @@ class RecordFold(Run):
         self._forget_outcome(task)
         has_other_data = fact.body not in (b"", task.body)
         counts = len(task.handlings), len(task.children)
-        retry = Retry(self.time, fact.by, has_other_data, *counts, self.asker)
+        retry = Retry(
+            self.time, fact.by, has_other_data, *counts, self.asker, fact.failed, fact.fallback
+        )
+        if fact.pause is not None:
+            self._hold(task, Hold(fact.pause, self.time))
         task.retries = appended(task.retries, retry)
         self._change(task, "body", fact.body or task.body)
         self._change(task, "watched", "")

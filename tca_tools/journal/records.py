@@ -242,6 +242,10 @@ class Retry(NamedTuple):
     """The number of subtasks sent before."""
     asker: Handling | None = None
     """The run of a handler that requested it."""
+    failed: TaskId = ROOT
+    """The task whose failure a retry policy deals with (0: no policy wanted it)."""
+    fallback: str = ""
+    """The message that replaces the task, if the policy wants that."""
 
 
 class LifeChange(NamedTuple):

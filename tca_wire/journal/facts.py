@@ -506,6 +506,9 @@ class Retried(TaskFact, frozen=True, tag="retried"):
 
     body: bytes
     by: str
+    failed: TaskId = ROOT  #: the failing task, if a retry policy deals with the failure
+    pause: Constraint | None = None  #: the delay that the policy puts before the retry
+    fallback: str = ""  #: the message that replaces the task now, instead of another handling
 
 
 # --- wiretaps and monitors ------------------------------------------------------------------------

@@ -17,8 +17,8 @@ from tca_wire.errors import BadData, BadFormat, CopyableError
 from tca_wire.life_cycles import GENERAL, LifeCycle
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
-from tca_wire.packets.parts import MessageFormat
-from tca_wire.vocabulary import Limit, MessageClass, is_name
+from tca_wire.packets.parts import MessageFormat, RetryPolicy
+from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, is_name
 
 D = TypeVar("D")
 R = TypeVar("R")
@@ -243,11 +243,17 @@ class TaskMessage(Message[D, R]):
     """A task: goal or command.
 
     Its handler may report intermediate results of the type *progress*. *life_cycle* defines the
-    states of the task.
+    states of the task, and *retry* the retries of all tasks of the message.
     """
 
     def __init__(
-        self, name: str, data: Any, result: Any, progress: Any, life_cycle: LifeCycle
+        self,
+        name: str,
+        data: Any,
+        result: Any,
+        progress: Any,
+        life_cycle: LifeCycle,
+        retry: "Retry | None",
     ) -> None:
         super().__init__(name, data, result)
         self.progress: Format[Any] = _format(progress, f"the intermediate results of {self.title}")
@@ -257,6 +263,12 @@ class TaskMessage(Message[D, R]):
                 f" not {life_cycle!r:.60}"
             )
         self.life_cycle = life_cycle
+        if not isinstance(retry, Retry | None):
+            text = f"retry= of {self.title} must be a Retry, such as Retry(3), not {retry!r:.60}"
+            raise BadFormat(text)
+        self.retry = retry
+        if retry is not None:
+            retry.policy_for(self)  # raises BadFormat for a fallback that does not fit
 
     @property
     def format(self) -> MessageFormat:
@@ -271,6 +283,7 @@ class _TaskOptions(TypedDict, total=False):
 
     progress: Any
     life_cycle: LifeCycle
+    retry: "Retry | None"
 
 
 class Goal(TaskMessage[D, None]):
@@ -281,6 +294,7 @@ class Goal(TaskMessage[D, None]):
         data: the type of its data (None: no data).
         progress: the type of its intermediate results (None: it reports none).
         life_cycle: the states of the task, by default ``GENERAL``.
+        retry: how its tasks are retried, unless their sender gives another ``Retry`` (None: not).
 
     Raises:
         BadFormat: the name, a type or the life cycle is not usable.
@@ -304,9 +318,15 @@ class Goal(TaskMessage[D, None]):
     @overload
     def __init__(self, name: str, data: Any, **more: Unpack[_TaskOptions]) -> None: ...
     def __init__(
-        self, name: str, data: Any = None, *, progress: Any = None, life_cycle: LifeCycle = GENERAL
+        self,
+        name: str,
+        data: Any = None,
+        *,
+        progress: Any = None,
+        life_cycle: LifeCycle = GENERAL,
+        retry: "Retry | None" = None,
     ) -> None:
-        super().__init__(name, data, None, progress, life_cycle)
+        super().__init__(name, data, None, progress, life_cycle, retry)
 
 
 class Command(TaskMessage[D, R]):
@@ -318,6 +338,7 @@ class Command(TaskMessage[D, R]):
         result: the type of its result (None: no result).
         progress: the type of its intermediate results (None: it reports none).
         life_cycle: the states of the task, by default ``GENERAL``.
+        retry: how its tasks are retried, unless their sender gives another ``Retry`` (None: not).
 
     Raises:
         BadFormat: the name, a type or the life cycle is not usable.
@@ -356,8 +377,9 @@ class Command(TaskMessage[D, R]):
         result: Any = None,
         progress: Any = None,
         life_cycle: LifeCycle = GENERAL,
+        retry: "Retry | None" = None,
     ) -> None:
-        super().__init__(name, data, result, progress, life_cycle)
+        super().__init__(name, data, result, progress, life_cycle, retry)
 
 
 class Variable(Message[D, None]):
@@ -464,3 +486,93 @@ class FailureRaised(CopyableError):
     def __init__(self, name: str, text: str, body: bytes, kinds: Sequence[str] = ()) -> None:
         super().__init__(f"{name}: {text}" if text else name)
         self.name, self.text, self.body, self.kinds = name, text, body, list(kinds)
+
+
+class Retry:
+    """How central retries a task that fails, without an exception handler of yours.
+
+    The option ``retry=`` of a task, or of a ``Goal`` or ``Command``. Central retries the task even
+    if its sender has ended. A failure below a goal counts as a failure of the goal: all below it is
+    killed, and the goal is handled again. The failure "uncertain" is not retried unless *failures*
+    names it, because the handler may have acted.
+
+    Args:
+        attempts: the most handlings of the task, with the first one: 1 to 1000. Default: 3.
+        pause: seconds before the first retry. Default: 1.
+        backoff: the factor, 1 or more, by which each further pause is longer. Default: 2.
+        longest_pause: seconds, the bound of all pauses. Default: 60.
+        attempt_timeout: seconds, above 0, from the start of each attempt. An attempt that takes
+            longer fails with "timeout". Default: None, no bound.
+        failures: the failures to deal with; others go to exception handlers. Default: all but
+            "uncertain".
+        otherwise: a goal or command that replaces the task after its last attempt, or a pair of
+            such a message and its data. When it is achieved, the failure is resolved. Alone it gets
+            the task's own data. Default: None, and the failure goes to exception handlers.
+
+    Raises:
+        BadFormat: an argument has the wrong type or range.
+
+    Example::
+
+        LIFT = Command("lift", float, retry=Retry(3, pause=0.5, failures=[SLIPPED]))
+        user.command(LIFT, 0.2, retry=Retry(attempt_timeout=5, otherwise=CALL_HELP))
+    """
+
+    def __init__(
+        self,
+        attempts: int = 3,
+        *,
+        pause: float = 1.0,
+        backoff: float = 2.0,
+        longest_pause: float = 60.0,
+        attempt_timeout: float | None = None,
+        failures: Sequence[Failure[Any]] = (),
+        otherwise: TaskMessage[Any, Any] | tuple[TaskMessage[Any, Any], Any] | None = None,
+    ) -> None:
+        _check_number("attempts", attempts, 1, Limit.ATTEMPTS, int)
+        for name, value, least in (
+            ("pause", pause, 0),
+            ("backoff", backoff, 1),
+            ("longest_pause", longest_pause, 0),
+        ):
+            _check_number(name, value, least, LONGEST_TIME)
+        if attempt_timeout is not None:
+            _check_number("attempt_timeout", attempt_timeout, 1e-3, LONGEST_TIME)
+        if not all(isinstance(one, Failure) for one in failures):
+            raise BadFormat(f"Retry(): failures must be declared failures, not {failures!r:.60}")
+        self.fallback: TaskMessage[Any, Any] | None
+        self.fallback, *data = otherwise if isinstance(otherwise, tuple) else (otherwise,)
+        if not isinstance(self.fallback, TaskMessage | None) or len(data) > 1:
+            text = "otherwise must be a goal or command, or a pair of one and its data"
+            raise BadFormat(f"Retry(): {text}, not {otherwise!r:.60}")
+        self._policy = RetryPolicy(
+            attempts,
+            pause,
+            backoff,
+            longest_pause,
+            attempt_timeout or 0,
+            [one.name for one in failures],
+            self.fallback.name if self.fallback is not None else "",
+            self.fallback.encode_data(data[0]) if self.fallback is not None and data else b"",
+        )
+
+    def policy_for(self, message: TaskMessage[Any, Any]) -> RetryPolicy:
+        """Return the policy of a message's tasks. Raises BadFormat if the fallback misfits."""
+        fallback = self.fallback
+        if fallback is None or self._policy.data or fallback.data.kind is type(None):
+            return self._policy
+        if misfit := first_misfit(message.data.schema, fallback.data.schema):
+            raise BadFormat(
+                f"{fallback.title} wants data of type {fallback.data}, but {message.title}, which"
+                f" it replaces, has {message.data}: give otherwise=({fallback.name}, data)"
+                f" ({misfit})"
+            )
+        return self._policy
+
+
+def _check_number(
+    name: str, value: Any, least: float, most: float, kind: Any = int | float
+) -> None:
+    if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= most:
+        what = "a whole number" if kind is int else "a number"
+        raise BadFormat(f"Retry(): {name} must be {what} from {least:g} to {most:g}, not {value!r}")

@@ -38,3 +38,16 @@ NOT_BY_CHOICE = frozenset(
     (MODULE_LOST, UNCERTAIN, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST)
 )
 """An exception handler that fails with one of these, or a kind of one, has decided nothing."""
+
+BUILT_IN = NOT_BY_CHOICE | {REJECTED, FORGOTTEN, CANCELLED}
+"""The names of all these failures."""
+
+
+def misspelt(name: str) -> str:
+    """Return the built-in failure that *name* differs from in case and separators only; else ""."""
+    letters = _letters(name)
+    return next((one for one in BUILT_IN if name != one and letters == _letters(one)), "")
+
+
+def _letters(name: str) -> str:
+    return "".join(letter for letter in name.casefold() if letter.isalnum())

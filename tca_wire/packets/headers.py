@@ -24,6 +24,7 @@ from tca_wire.packets.parts import (
     Numbered,
     OfDelivery,
     OfTask,
+    RetryPolicy,
     Tapped,
     Trouble,
     Watching,
@@ -124,6 +125,8 @@ class Send(Numbered, frozen=True, tag=4):
     """The new task is created suspended by the sender: it does not start before it is resumed."""
     quiet: bool = False
     """TasksMade confirms the new task, with others, before the next answer of another kind."""
+    retry: RetryPolicy | None = None
+    """The retry policy of the new goal or command."""
 
 
 class Reply(OfDelivery, frozen=True, tag=5):

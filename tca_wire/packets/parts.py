@@ -96,6 +96,27 @@ class Attachment(WireArray, frozen=True):
     maximum: int = 0
 
 
+class RetryPolicy(WireArray, frozen=True):
+    """The retries of a task that central makes by itself, and its *fallback*. Times in seconds."""
+
+    attempts: int
+    """The greatest number of handlings of the task, with the first one."""
+    pause: float = 0
+    """The pause before the first retry."""
+    backoff: float = 1
+    """The factor of each further pause."""
+    longest_pause: float = 0
+    """The bound of all pauses."""
+    attempt_timeout: float = 0
+    """The time after which a running attempt fails with "timeout" (0: no limit)."""
+    failures: Annotated[list[str], MANY] = []
+    """The failures that the policy is for; without any, all but "uncertain"."""
+    fallback: str = ""
+    """The goal or command that replaces the task after its last attempt ("": none)."""
+    data: bytes = b""
+    """The data of the fallback (empty: the task's own data)."""
+
+
 class WatchOptions(WireArray, frozen=True):
     """The options of a monitor (TCA 8.5: CreateMonitorOptions). Times in seconds."""
 

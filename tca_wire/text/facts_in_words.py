@@ -155,7 +155,10 @@ PHRASES: dict[type, str] = {
     facts.Caught: "{task:name} by {handler:name}, attached to {at:at}",
     facts.NotResolved: "{handler:name} returned without dealing with the failure of {task:name}",
     facts.Unhandled: "{task:name}[, so {undecided:name} could not decide]",
-    facts.Retried: "{task:name}{by:by}",
+    facts.Retried: (
+        "{task:name}{by:by}[failed?, after the failure of {failed:name}]"
+        "[fallback?, replaced by {fallback}]"
+    ),
     facts.TapAdded: "{id:number} {listener} {condition} of [task?{task:name}|all {message}]{by:by}",
     facts.TapFired: (
         "{tap:number} for {tapped:name}: [listener?{listener:name}|the listener has no handler]"
@@ -287,6 +290,7 @@ def place(module: str, resource: str) -> str:
 _DUE = {
     Due.RELEASE: "end of a delay",
     Due.DEADLINE: "deadline",
+    Due.ATTEMPT: "timeout of an attempt",
     Due.KILL: "time of the kill",
     Due.TEST: "time of the next test",
     Due.MONITOR_OVER: "end of the watch",

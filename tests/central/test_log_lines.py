@@ -19,6 +19,8 @@ from tca_wire.journal.facts import (
     ModuleLeft,
     RequestRefused,
 )
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
 from tca_wire.vocabulary import Dropping, Refusal
 
 HOSTILE = "\x1b]0;mine\x07\x1b[2J\nroot: all is well\r\u202e\x00" + "x" * 200_000
@@ -87,6 +89,40 @@ def test_line_limit_counts_omitted_lines_and_passes_errors(
     now[0] = 6.0
     log.warning("100%")
     assert lines[-1] == "central: 100%"
+
+
+# --- failures whose exception handlers are for another failure ------------------------------------
+
+
+def lines_of(player: Player, log: logging.Logger, lines: list[str]) -> list[str]:
+    """Return the warnings of exception handlers in a life, by their last words."""
+    writer = LogLines(log, player.central)
+    writer.write(Record(Entry(1, 1.0, player.facts(facts.Attached))))
+    found = player.facts(Failed) + player.facts(facts.Unhandled)
+    writer.write(Record(Entry(2, 2.0, found), dict.fromkeys([0, 1, 2, 3], "")))
+    return [line for line in lines if line.endswith("?")]
+
+
+@pytest.mark.parametrize(
+    ("attached", "raised", "words"),
+    [
+        ("Time out", "burn", ["did you mean 'timeout'?"]),
+        ("colision", "collision", ["'colision' has one: do both mean the same?"]),
+        ("burn", "collision", []),
+    ],
+)
+def test_similar_failure_of_a_handler_is_logged(
+    attached: str, raised: str, words: list[str], log: logging.Logger, lines: list[str]
+) -> None:
+    player = Player()
+    player.module("legs", "command move")
+    player.module("expert", "exception handler recover")
+    player.request("expert", headers.Attach, Attachment(attached, "recover"))
+    player.task("legs", "move")
+    player.fail("legs/1", raised)
+    found = lines_of(player, log, lines)
+    assert len(found) == len(words)
+    assert all(line.endswith(word) for line, word in zip(found, words, strict=True))
 
 
 # --- repeated losses: one line a second for each kind, with a count -------------------------------

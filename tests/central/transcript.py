@@ -17,6 +17,7 @@ NAME: declare CLASS MESSAGE of PART, PART, ...                   for monitors
 NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed]
             [again] [if handled] [kept] [suspended] [from outside] [here]
             [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
+            [retry <FIELD=JSON ...>]       a retry policy; before where, handlers
             and for monitors: [every N] [at first] [duration N] [fire every N] [until POINT]
             [waited for]
 NAME: reply [ID] [with VALUE]
@@ -98,7 +99,7 @@ from tca_central.status.load import load
 from tca_wire.constraints import Flags
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, Transition, ending
 from tca_wire.packets import changes, headers, routes
-from tca_wire.packets.parts import MessageFormat
+from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.points import ROOT, TaskId, describe_moments
 from tca_wire.text.waits_in_words import in_words
 from tca_wire.vocabulary import Busy, Condition, MessageClass, Party, Scope
@@ -213,6 +214,8 @@ class Transcript:
         found = dict(re.findall(r"\b(under|flags|priority|maximum|deadline) (\S+)", options))
         numbers = ("under", "priority", "maximum", "deadline")
         keywords: dict[str, Any] = {key: int(found[key]) for key in numbers if key in found}
+        if retry := re.search(r"retry <(.*?)>", options):
+            keywords["retry"] = RetryPolicy(**read_fields(RetryPolicy, retry[1]))
         if handlers := re.search(r"handlers (.*)", options):
             keywords["attachments"] = [read_attachment(part) for part in handlers[1].split(",")]
         keywords["when_killed"] = "when killed" in options

@@ -180,7 +180,10 @@ def describe_ending(
         case facts.SendPlanned():
             return f"{fact.message} is to be sent when {fact.task} is killed"
         case facts.Retried():
-            return f"{fact.task} retried by {fact.by}"
+            failed = f", after the failure of {fact.failed}" if fact.failed else ""
+            pause = f", held by {fact.pause}" if fact.pause else ""
+            fallback = f", to be replaced by {fact.fallback}" if fact.fallback else ""
+            return f"{fact.task} retried by {fact.by}{failed}{pause}{fallback}"
         case facts.DeadlineSet():
             return f"{fact.task} has {fact.seconds:g} s until {describe_moments(fact.moment)[0]}"
         case facts.KillPlanned():

@@ -16,7 +16,7 @@ from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Delivered, Received
 from tca_wire.messages.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.packets.parts import Attachment, MessageFormat, RetryPolicy, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
 
@@ -220,6 +220,7 @@ class Life:
             blocking=d % 5 == 1,
             brief=True,
             suspended=d % 11 == 7,
+            retry=self.retry_policy(a, b, c, d),
         )
 
     def sent_name(self, b: int) -> str:
@@ -228,6 +229,21 @@ class Life:
     def seconds(self, number: int) -> float:
         """Return a delay of *number* seconds."""
         return float(number)
+
+    def retry_policy(self, a: int, b: int, c: int, d: int) -> RetryPolicy | None:
+        """Return the policy of every third message. Central refuses it for monitors."""
+        if (a + b) % 3:
+            return None
+        return RetryPolicy(
+            attempts=1 + c % 3,
+            pause=self.seconds(d % 4),
+            backoff=2,
+            longest_pause=self.seconds(5),
+            attempt_timeout=self.seconds(b % 5),
+            failures=[FAILURES[c % 4]] if a % 4 == 0 else [],
+            fallback=("", "lift", "step", "later")[a % 4],
+            data=b"\x07" * (d % 2),
+        )
 
     @staticmethod
     def attachment(a: int, b: int) -> Attachment:

@@ -10,6 +10,7 @@ _MOST_NAMED = 4
 _TIMES = {
     "release": "delays",
     "deadline": "the deadline of {}",
+    "attempt": "the timeout of an attempt of {}",
     "kill": "a later kill of {}",
     "test": "the period of monitor {}",
     "watched": "the duration of monitor {}",

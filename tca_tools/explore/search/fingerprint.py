@@ -89,7 +89,7 @@ IGNORED = {
         "size",  # follows from the rest
         "sequence",  # the children again
     },
-    "Agenda": {"_facts", "wait_count"},
+    "Agenda": {"_clock", "_facts", "wait_count"},
     "Resource": {"_sent_by", "numbers"},  # the queue again; for users to read
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # follow from the queue
     "Clock": {"now", "_cancelled", "_set_count"},  # timers are relative to now, in their order
