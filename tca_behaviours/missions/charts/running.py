@@ -226,11 +226,15 @@ def run_as_task(
 
     @module.handles(command)
     def run(task: Task, _: MachineChart) -> TaskEnd:
+        def publish(states: ActiveStates) -> None:
+            task.report(states)
+            task.sleep(0)  # a machine of Python states waits nowhere else: notice a kill
+
         with (
             Mission(mission.server, name=name, central=central, under=task) as inner,
             _open_missions(servers, name, central=central, under=task) as others,
         ):
-            run = MachineRun(root, inner, task.report, data=data, others=others, clock=task.time)
+            run = MachineRun(root, inner, publish, data=data, others=others, clock=task.time)
             end = run.run_to_end()
         endings.append(end.ending)
         return _result(task, end)

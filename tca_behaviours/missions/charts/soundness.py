@@ -59,7 +59,7 @@ class _Search:
             found[to] = found.get(to, False) or is_at_once
         if timed is not None:
             if state.kind in (StateKind.EPSILON, StateKind.CALL):
-                raise UnsoundMachine(f"{state!r} does not wait: remove {timed.call}")
+                raise UnsoundMachine(f"{state!r} does not wait for a time: remove {timed.call}")
             found.setdefault(timed.end, False)
         if state.parent is not None and not state.parent.kind.is_concurrent:
             _check_own(state, found, state.parent)
