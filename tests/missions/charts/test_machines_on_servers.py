@@ -45,7 +45,7 @@ def test_machine_runs_tasks_of_two_servers() -> None:
             fetch(width=FromData("width")).run(mission, data={"width": 0.2})
             assert robot.done[:2] == ["to 1", "stands at 1"]
             assert sorted(robot.done[2:]) == ["grasps 0.2", "stands at 2", "to 2"]
-            with pytest.raises(BadParameter, match="at least 0.0, not -1"):
+            with pytest.raises(BadParameter, match=r"at least 0\.0, not -1"):
                 fetch(width=-1.0).run(mission)
 
 

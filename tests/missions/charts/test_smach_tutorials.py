@@ -2,6 +2,8 @@
 machine, user data under other names, and concurrences that end by combination.
 """
 
+from collections.abc import Callable
+
 import pytest
 from missions.charts.played import Played
 from missions.rover import mission_of_rover
@@ -71,7 +73,7 @@ def test_user_data_pass_under_other_names() -> None:
     assert run.happened[0] == "start Drive(2,3)"
 
 
-def always(outcome: str) -> object:
+def always(outcome: str) -> Callable[[UserData], str]:
     @state(outcomes=["outcome1", "outcome2", "outcome3"])
     def function(_: UserData) -> str:
         return outcome
@@ -134,9 +136,13 @@ def test_concurrence_waits_though_one_failed() -> None:
     assert Played(sm, "Look completed", "Turn completed").end == ("completed", "Turn has completed")
 
 
+def divide(_: UserData) -> None:
+    raise ZeroDivisionError
+
+
 def test_error_in_a_python_state_is_its_failure() -> None:
     with Sequence("broken") as sm:
-        sm.call(lambda data: 1 / 0, "FOO").on(failed="BAR")  # type: ignore[arg-type, return-value]
+        sm.call(divide, "FOO").on(failed="BAR")
         sm.call(lambda data: data.missing, "BAR")
     with (
         mission_of_rover() as (mission, _),
