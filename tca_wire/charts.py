@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 import msgspec
 
 Ending = Literal["completed", "failed", "timeout", "interrupted"]
-"""The possible outcomes of a task, or of a container of tasks."""
+"""The possible outcomes of a task. A container of tasks, and a Python state, may have others."""
 
 
 class StateKind(StrEnum):
@@ -28,6 +28,10 @@ class StateKind(StrEnum):
     """All of its states are active, until one of them has ended."""
     ALL = "all of"
     """All of its states are active, until all have completed, or one has ended in another way."""
+    ALL_ENDED = "all ended"
+    """All of its states are active, until each has ended in any way, or a function says so."""
+    CALL = "call"
+    """It calls a function of Python."""
     ACTIVITY = "activity"
     """It runs an activity."""
     WAIT = "wait"
@@ -40,7 +44,7 @@ class StateKind(StrEnum):
     @property
     def is_concurrent(self) -> bool:
         """Whether its states are active together."""
-        return self in (StateKind.ANY, StateKind.ALL)
+        return self in (StateKind.ANY, StateKind.ALL, StateKind.ALL_ENDED)
 
     @property
     def is_container(self) -> bool:

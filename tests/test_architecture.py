@@ -182,6 +182,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_behaviours.statecharts": {
         "states": set(),
         "soundness": {"states"},
+        "timers": {"states"},
         "writing": {"states"},
         "library": {"states"},
         "__init__": set(),

@@ -97,6 +97,8 @@ class Application:
                 f"two components are called '{component.name}': give one of them another name"
             )
         activities = component.activities()
+        for region in component.regions.values():
+            region.clock = self._baton.clock
         if self.is_running and not component.is_initialised:
             component.initialise()
         with self._baton.changing() as schedule:

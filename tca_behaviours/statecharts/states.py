@@ -5,7 +5,9 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 from tca_module import MisuseError
+from tca_module.checks import DURATION, check
 from tca_wire.charts import ChartArrow, ChartState, MachineChart, StateKind
+from tca_wire.text.measures import duration
 
 S = TypeVar("S", bound="State[Any, Any]")
 A = TypeVar("A", bound="Arrow[Any]")
@@ -40,6 +42,8 @@ class State(Generic[S, A]):
         self.arrows: list[A] = []
         self.by_event: dict[str, list[A]] = {}
         """Its arrows, by event."""
+        self.timed: A | None = None
+        """The arrow that is taken after a time."""
         self.is_active = False
         self.number = -1
         """Its place in the chart; -1 until the machine is built."""
@@ -51,6 +55,10 @@ class State(Generic[S, A]):
 
     def add_arrow(self, arrow: A) -> A:
         """Add a transition that leads out of this state."""
+        if arrow.after is not None:
+            if self.timed is not None:
+                raise MisuseError(f"{self!r}: after(...) is given twice: remove one")
+            self.timed = arrow
         self.arrows.append(arrow)
         self.by_event.setdefault(arrow.event, []).append(arrow)
         return arrow
@@ -105,14 +113,28 @@ class Arrow(Generic[S]):
     """A transition from a source state to a target state. The target may be given by its label."""
 
     def __init__(
-        self, source: S, target: S | str, event: str, conditions: tuple[str, ...] = ()
+        self,
+        source: S,
+        target: S | str,
+        event: str,
+        conditions: tuple[str, ...] = (),
+        after: float | None = None,
     ) -> None:
-        """*conditions*: the names of further conditions, such as a guard."""
+        """*conditions*: the names of further conditions, such as a guard. *after*: the seconds in
+        the source after which the arrow is taken; *event* is then "".
+        """
+        if after is not None:
+            check(f"{source!r}.after(...)", DURATION, seconds=after)
+            # Nothing else causes this event: no other arrow of the machine has it.
+            event = f"after {after!r} s in {source!r}"
         self.source = source
+        self.after = after
         self.event = event
         self.conditions = conditions
         self.symbol = f"{event} [{', '.join(conditions)}]".lstrip() if conditions else event
         """The event, with the further conditions in brackets."""
+        if after is not None:
+            self.symbol = f"after {duration(after)}"
         self._given_target = target
         if not isinstance(target, State | str):
             raise MisuseError(
@@ -123,6 +145,8 @@ class Arrow(Generic[S]):
 
     def __repr__(self) -> str:
         """Return the transition as it is written."""
+        if self.after is not None:
+            return f"{self.source!r}.after({self.after!r}, {self.label!r})"
         return f"{self.source!r}.to({self.label!r}, on='{self.event}')"
 
     @property

@@ -49,6 +49,15 @@ def python(folder: Path, *code: str) -> str:
     return done.stdout
 
 
+def test_transition_after_a_time_is_generated(model: Path) -> None:
+    row = '{ from = "searching", to = "referenced", on = "switch" }'
+    assert row in TEXT
+    model.write_text(TEXT.replace(row, row.replace('on = "switch"', "after = 2.5")))
+    assert not run_generate(model).exit_code
+    code = (model.parent / "generated.py").read_text()
+    assert 'states["searching"].after(2.5, states["referenced"])' in code
+
+
 # --- bad models -----------------------------------------------------------------------------------
 
 

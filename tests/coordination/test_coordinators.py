@@ -335,12 +335,12 @@ def test_event_for_a_failed_start_does_not_reach_the_next_run(
     """An event for the first run arrives. Then this run fails before it listens for events."""
     begins, event_sent, restart = Event(), Event(), Interpreter.restart
 
-    def fail_once(interpreter: Interpreter) -> None:
+    def fail_once(interpreter: Interpreter, now: float) -> None:
         if not begins.is_set():
             begins.set()
             assert event_sent.wait(5)
             raise RuntimeError("no chart today")
-        restart(interpreter)
+        restart(interpreter, now)
 
     coordinator, module = Coordinator(delivery(), policy=None), Module("coordinator")
     coordinator.handle_in(module)

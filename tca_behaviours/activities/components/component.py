@@ -263,8 +263,9 @@ class Component(Generic[D]):
         """The regions that have a transition for an event, by event."""
         regions: dict[str, list[Region]] = {}
         for region in self.regions.values():
-            events = [event for state in region.states.values() for event in state.by_event]
-            for event in filter(None, dict.fromkeys(events)):
+            arrows = [arrow for state in region.states.values() for arrow in state.arrows]
+            events = dict.fromkeys(arrow.event for arrow in arrows if arrow.after is None)
+            for event in filter(None, events):
                 regions.setdefault(event, []).append(region)
         return regions
 

@@ -4,14 +4,16 @@ A tick makes at most one transition, so that the tick's execution time is bounde
 Events wait in the region until a tick processes them.
 """
 
+import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 
 import msgspec
 
 from tca_behaviours.activities.components.states import RegionState, RegionTransition
 from tca_behaviours.statecharts.soundness import check_arrows
 from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
+from tca_behaviours.statecharts.timers import Timers
 from tca_wire.charts import MachineChart
 
 
@@ -25,7 +27,7 @@ class RegionChange(msgspec.Struct, frozen=True):
     target: str
     """The leaf that was entered."""
     event: str
-    """The event; "" if the transition has none."""
+    """The event, or the time as in "after 5 s"; "" if the transition has none."""
 
     def __str__(self) -> str:
         by = f" ({self.event})" if self.event else ""
@@ -53,6 +55,10 @@ class Region:
         """All states of the region, by name."""
         self.events: deque[str] = deque()
         """The events that no tick has processed yet."""
+        self.clock: Callable[[], float] = time.monotonic
+        """The clock of timed transitions: that of the application."""
+        self._timers = Timers[RegionTransition]()
+        self._is_timed = False
         self._observers: list[Callable[[RegionChange], object]] = []
 
     @property
@@ -98,7 +104,10 @@ class Region:
         """Go to the first leaf, without calling entry functions."""
         self.events.clear()
         self._leave()
+        self._timers = Timers()
+        self._is_timed = any(state.timed is not None for state in self.states.values())
         self._go_to(self.root.leaf, "")
+        self._start_timers(())
 
     def enter_first(self) -> None:
         """Call the entry functions of the active states, the outermost first."""
@@ -107,13 +116,18 @@ class Region:
                 state.entry()
 
     def tick(self) -> None:
-        """Make the transition for the oldest event that has one. If no event has one, make a
-        transition without an event.
+        """Make the transition for the oldest event that has one.
+
+        If no event has one, make the timed transition that is due, or else one without an event.
         """
         while self.events:
             if self.take(self.events.popleft()):
                 return
-        self.take("")
+        due = self._timers.due(self.clock()) if self._is_timed else None
+        if due is not None:
+            self._make(due)
+        else:
+            self.take("")
 
     def take(self, event: str) -> Sequence[RegionTransition]:
         """Process an event.
@@ -144,7 +158,12 @@ class Region:
         for state in self.active:
             if state not in staying and state.exit is not None:
                 state.exit()
-        self._go_to(arrow.target.leaf, arrow.event)
+        if self._is_timed:
+            for state in self.active:
+                if state not in staying:
+                    self._timers.leave(state)
+        self._go_to(arrow.target.leaf, arrow.event if arrow.after is None else arrow.symbol)
+        self._start_timers(staying)
         for state in reversed(self.active):
             if state not in staying and state.entry is not None:
                 state.entry()
@@ -157,6 +176,12 @@ class Region:
             state.is_active = True
         for function in self._observers:
             function(change)
+
+    def _start_timers(self, staying: Container[RegionState]) -> None:
+        if self._is_timed:
+            for state in reversed(self.active):
+                if state not in staying:
+                    self._timers.enter(state, self.clock())
 
     def _leave(self) -> None:
         for state in self.active:

@@ -46,7 +46,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         """
         for arrow in self.arrows:
             conditions = ",\n".join(arrow.conditions)
-            symbol = f"{arrow.event}\n[{conditions}]".lstrip() if conditions else arrow.event
+            symbol = f"{arrow.event}\n[{conditions}]".lstrip() if conditions else arrow.symbol
             yield ChartArrow(self.number, arrow.target.number, symbol)
 
     def state(
@@ -110,15 +110,36 @@ class RegionState(State["RegionState", "RegionTransition"]):
         Raises:
             MisuseError: the target is in another region, or there is neither event nor condition.
         """
+        self._check_target(target)
+        needs = [needs] if isinstance(needs, str) else list(needs)
+        if not (on or when or needs):
+            raise MisuseError(f"{self!r} would go to {target!r} at once: add on, when or needs")
+        self.add_arrow(RegionTransition(self, target, on, when, needs))
+
+    def after(self, seconds: float, target: "RegionState") -> None:
+        """Add a transition that is made when the region has been in this state for a time.
+
+        Args:
+            seconds: the time, from the entry into this state.
+            target: the state that follows.
+
+        Raises:
+            MisuseError: the target is in another region, the time is not above 0, or the state has
+                such a transition.
+
+        Example::
+
+            waiting.after(5.0, stopped)
+        """
+        self._check_target(target)
+        self.add_arrow(RegionTransition(self, target, "", None, [], seconds))
+
+    def _check_target(self, target: "RegionState") -> None:
         if self.by_name.get(target.label) is not target:
             raise MisuseError(
                 f"{self!r} can't lead to {target!r}, in another region: "
                 f"write a transition there that needs {self!r}"
             )
-        needs = [needs] if isinstance(needs, str) else list(needs)
-        if not (on or when or needs):
-            raise MisuseError(f"{self!r} would go to {target!r} at once: add on, when or needs")
-        self.add_arrow(RegionTransition(self, target, on, when, needs))
 
 
 class RegionTransition(Arrow[RegionState]):
@@ -131,9 +152,10 @@ class RegionTransition(Arrow[RegionState]):
         event: str,
         when: Callable[[], bool] | None,
         needs: list[str],
+        after: float | None = None,
     ) -> None:
         guard = [name_of(when)] if when is not None else []
-        super().__init__(source, target, event, (*guard, *needs))
+        super().__init__(source, target, event, (*guard, *needs), after)
         self.target = target
         self.when = when
         self.needs = needs

@@ -104,13 +104,17 @@ def _region(region: RegionModel) -> Iterator[str]:
         yield from statement(8, f"{container}.state(", _state(state))
     for transition in region.transitions:
         arguments = [f"states[{literal(transition.target)}]"]
+        source = f"states[{literal(transition.source)}]"
+        if transition.after:
+            yield from statement(8, f"{source}.after(", [literal(transition.after), *arguments])
+            continue
         if transition.on:
             arguments.append(f"on={literal(transition.on)}")
         if transition.when:
             arguments.append(f"when=self.{transition.when}")
         if transition.needs:
             arguments.append(f"needs=[{', '.join(map(literal, transition.needs))}]")
-        yield from statement(8, f"states[{literal(transition.source)}].to(", arguments)
+        yield from statement(8, f"{source}.to(", arguments)
 
 
 def _state(state: StateModel) -> Iterator[str]:

@@ -65,6 +65,7 @@ class TransitionModel(msgspec.Struct, frozen=True, kw_only=True):
     on: Annotated[str, Meta(description="the name of an event")] = ""
     when: Annotated[str, Meta(description="the name of a method")] = ""
     needs: Names = []
+    after: Seconds = 0.0
 
 
 _ROWS = 'a list of tables, such as [{ name = "stopped" }]'

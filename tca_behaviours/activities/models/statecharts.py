@@ -57,6 +57,8 @@ def _check_transition(
     names = [state.name for state in region.states]
     for end, name in (("from", transition.source), ("to", transition.target)):
         check_known(f"{place}.{end}", "state", name, names)
+    if transition.after and (transition.on or transition.when or transition.needs):
+        raise BadUserFile(f"{place} has after and a condition: write two transitions")
     for need in transition.needs:
         other, _, state = need.partition(".")
         at = f"{place}.needs '{need}'"
@@ -89,8 +91,12 @@ def region_of(name: str, model: RegionModel) -> Region:
             estimate=state.estimate,
         )
     for transition in model.transitions:
-        region.states[transition.source].to(
-            region.states[transition.target],
+        source, target = region.states[transition.source], region.states[transition.target]
+        if transition.after:
+            source.after(transition.after, target)
+            continue
+        source.to(
+            target,
             on=transition.on,
             when=_method(transition.when),
             needs=transition.needs,

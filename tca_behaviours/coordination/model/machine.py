@@ -123,8 +123,10 @@ class Coordination(BlockMachine[AuthoredState]):
 
     @property
     def events(self) -> set[str]:
-        """The events of the machine's arrows, except "done" and "failed"."""
-        return {arrow.event for arrow in self._arrows} - {DONE, FAILED}
+        """The events that come from outside: those of all arrows but "done", "failed" and
+        times.
+        """
+        return {arrow.event for arrow in self._arrows if arrow.after is None} - {DONE, FAILED}
 
     @property
     def variables(self) -> list[Variable[Any]]:

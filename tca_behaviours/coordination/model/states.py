@@ -71,6 +71,34 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         model = None if likelihood is None else as_model(likelihood)
         return self.add_arrow(AuthoredArrow(self, target, on, when, guard_name, model))
 
+    def after(
+        self,
+        seconds: float,
+        target: "AuthoredState | str",
+        *,
+        likelihood: Likelihood | None = None,
+    ) -> "AuthoredArrow":
+        """Add an arrow that is taken when the machine has been in this state for a time.
+
+        Args:
+            seconds: the time, from the entry into this state.
+            target: the state that follows, or its label.
+            likelihood: how likely the arrow is, as for ``to``.
+
+        Returns:
+            The arrow.
+
+        Raises:
+            MisuseError: an argument does not fit, the state has such an arrow, or the machine is
+                built.
+
+        Example::
+
+            waiting.after(5.0, "give up")
+        """
+        model = None if likelihood is None else as_model(likelihood)
+        return self.add_arrow(AuthoredArrow(self, target, "", None, "", model, seconds))
+
 
 class AuthoredArrow(Arrow[AuthoredState]):
     """A transition of a machine that is being written."""
@@ -83,8 +111,9 @@ class AuthoredArrow(Arrow[AuthoredState]):
         guard: Guard | None,
         guard_name: str,
         model: LikelihoodModel | None,
+        after: float | None = None,
     ) -> None:
-        super().__init__(source, target, event, (guard_name,) if guard is not None else ())
+        super().__init__(source, target, event, (guard_name,) if guard is not None else (), after)
         self.guard = guard
         self.model = model
 

@@ -177,7 +177,7 @@ class Coordinator:
                 f"{self.machine!r} has another structure here: restart the program that sends it"
             )
         assert self._interpreter is not None
-        self._interpreter.restart()
+        self._interpreter.restart(task.time())
         run = CoordinationRun(
             self.machine, self._interpreter, self._look_ahead, task, self._failures, self._patience
         )

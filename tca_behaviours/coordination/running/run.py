@@ -107,7 +107,8 @@ class CoordinationRun:
     def _wait(self) -> None:
         """Wait for the next event, and process all that have arrived."""
         if not self._is_over():
-            due = self._at_work.next_kill_at
+            times = (self._at_work.next_kill_at, self._interpreter.timers.next)
+            due = min((time for time in times if time is not None), default=None)
             timeout = None if due is None else max(0.0, due - self._task.time())
             running = self._at_work.running_tasks
             self._task.wait_until(lambda: bool(self._inbox), timeout, on=running)
@@ -201,16 +202,17 @@ class CoordinationRun:
         while self._events:
             if self._take_arrow(self._events.popleft()):
                 return True
-        return False
+        due = self._interpreter.timers.due(self._task.time())
+        return due is not None and self._take_arrow(due.event)
 
     def _take_arrow(self, event: str) -> bool:
-        taken = self._interpreter.take(event, self._situation())
+        taken = self._interpreter.take(event, self._situation(), self._task.time())
         if not taken:
             return False
         self._unmet = ""
         self._unreported += taken
         self._transitions += len(taken)
-        self._at_work.leave(f"{self._machine!r} has left its state by '{event}'")
+        self._at_work.leave(f"{self._machine!r} has left its state by '{taken[0].symbol}'")
         self._was_begun = self._at_work.enter(self._interpreter.current)
         return True
 

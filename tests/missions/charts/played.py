@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, get_args
 
 from tca_behaviours.missions.charts import StateMachine
-from tca_behaviours.missions.charts.running import MachineEnd, MachineRun
+from tca_behaviours.missions.charts.running import MachineRun, RunEnd
 from tca_behaviours.missions.outcomes import Status, TaskEnd
 from tca_wire.charts import ActiveStates, Ending
 
@@ -34,11 +34,12 @@ class EndOfPlay(Exception):
 
 class PlayedMission:
     """A mission whose tasks end as the script says. The script has a line for each wait: ``"GoTo
-    failed"``, or several joined by ``+``.
+    failed"``, or several joined by ``+``; ``"time"`` passes the time until the wait's end.
     """
 
     def __init__(self, *script: str) -> None:
         self.script = list(script)
+        self.now = 0.0
         self.happened: list[str] = []
         self.running: list[PlayedTask] = []
         self.stopping: list[PlayedTask] = []
@@ -62,11 +63,17 @@ class PlayedMission:
             self.stopping = []
         if ended := [task for task in tasks if task.end is not None]:
             return ended
+        if timeout == 0:
+            return []
         if not self.script:
             raise EndOfPlay
         for line in self.script.pop(0).split(" + "):
             if line == "Ctrl-C":
                 raise KeyboardInterrupt
+            if line == "time":
+                assert timeout is not None
+                self.now += timeout
+                return []
             name, ending = line.split(" ")
             found = next(
                 task
@@ -86,13 +93,25 @@ class Played:
     """A run of a machine, with its events."""
 
     def __init__(
-        self, machine: StateMachine, *script: str, on: PlayedMission | None = None
+        self,
+        machine: StateMachine,
+        *script: str,
+        on: PlayedMission | None = None,
+        data: dict[str, Any] | None = None,
     ) -> None:
         self.mission = on or PlayedMission(*script)
         self.published: list[ActiveStates] = []
-        self.end: MachineEnd | None = None
+        self.end: RunEnd | None = None
         mission: Any = self.mission
-        run = MachineRun(machine.root, mission, self.published.append)
+        self.data: dict[str, Any] = dict(data or {})
+        run = MachineRun(
+            machine.root,
+            mission,
+            self.published.append,
+            data=self.data,
+            others={"arm": mission},
+            clock=lambda: self.mission.now,
+        )
         with suppress(EndOfPlay):
             self.end = run.run_to_end()
         labels = [state.label for state in machine.chart.states]

@@ -16,11 +16,13 @@ from tca_behaviours.missions.charts.running import MachineRun
 from tca_behaviours.missions.charts.soundness import endings_of
 from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
-from tca_wire.charts import ActiveStates, Ending, StateKind
+from tca_behaviours.missions.charts.user_data import UserData
+from tca_wire.charts import ActiveStates, StateKind
 
 MOST_ARE_REFUSED = settings(
     max_examples=lives(20, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
 )
+LEAVES = (StateKind.TASK, StateKind.CALL)
 LABELS = [f"s{number}" for number in range(9)]
 
 
@@ -32,6 +34,12 @@ class RandomEndings(PlayedMission):
         self.data = data
         self.left = 25
 
+    def count(self, _: object = None) -> None:
+        """Count an event; end the play after a number of them."""
+        self.left -= 1
+        if self.left < 0:
+            raise EndOfPlay
+
     def first_ended(
         self, tasks: list[PlayedTask], timeout: float | None = None
     ) -> list[PlayedTask]:
@@ -40,12 +48,25 @@ class RandomEndings(PlayedMission):
         ]
         assert len(in_front) <= 1, "tasks in the foreground stop each other"
         if not any(task in self.stopping for task in tasks):
-            self.left -= 1
-            if self.left < 0:
-                raise EndOfPlay
+            self.count()
+            if timeout is not None and self.data.draw(st.booleans()):
+                self.now += timeout
+                return []
             ended = self.data.draw(st.sampled_from(tasks))
             self._end(ended, self.data.draw(st.sampled_from(ENDINGS)), "")
         return super().first_ended(tasks, timeout)
+
+
+class Answers:
+    """A Python state that returns any of its outcomes."""
+
+    outcomes = ("completed", "again")
+
+    def __init__(self, data: st.DataObject) -> None:
+        self.data = data
+
+    def __call__(self, _: UserData) -> str:
+        return self.data.draw(st.sampled_from(self.outcomes))
 
 
 def write_states(
@@ -60,13 +81,17 @@ def write_states(
         label = labels.pop()
         kind = data.draw(
             st.sampled_from(
-                ["task", "task", "epsilon", "sequence", "any", "all"][: 6 if depth else 3]
+                ["task", "task", "epsilon", "call", "sequence", "any", "all", "all ended"][
+                    : 8 if depth else 4
+                ]
             )
         )
         if kind == "task":
             state = sm.task("Task", label, foreground=is_in_front)
         elif kind == "epsilon":
             state = sm.epsilon(label)
+        elif kind == "call":
+            state = sm.call(Answers(data), label)
         else:
             until: Any = kind
             with (
@@ -77,13 +102,14 @@ def write_states(
                 write_states(sm, data, labels, depth - 1, is_in_front=is_in_front)
         if state.parent is not None and state.parent.kind.is_concurrent:
             is_in_front = False  # at most one branch has the foreground
-        possible = ["completed"] if kind == "epsilon" else ENDINGS
-        targets: Any = {
-            e: data.draw(st.sampled_from(LABELS))
-            for e in possible
-            if data.draw(st.integers(0, 5)) == 5
-        }
+        possible: Any = {"epsilon": ["completed"], "call": [*Answers.outcomes, "failed"]}
+        chosen = [e for e in possible.get(kind, ENDINGS) if data.draw(st.integers(0, 5)) == 5]
+        targets: Any = {e: data.draw(st.sampled_from([*LABELS, "timeout"])) for e in chosen}
+        if kind == "call" and "again" not in targets:
+            targets["again"] = "completed"
         state.on(**targets)
+        if kind not in ("epsilon", "call") and data.draw(st.integers(0, 5)) == 5:
+            state.after(data.draw(st.sampled_from([1.0, 2.0])), data.draw(st.sampled_from(LABELS)))
 
 
 def random_sound_machine(data: st.DataObject) -> StateMachine:
@@ -102,38 +128,48 @@ def test_sound_machine_keeps_its_guarantees_in_any_run(data: st.DataObject) -> N
     sm = random_sound_machine(data)
     mission: Any = RandomEndings(data)
     published = list[ActiveStates]()
-    run = MachineRun(sm.root, mission, published.append)
+
+    def publish(states: ActiveStates) -> None:
+        mission.count()
+        published.append(states)
+
+    run = MachineRun(sm.root, mission, publish, clock=lambda: mission.now)
     with suppress(EndOfPlay):
         assert run.run_to_end().ending in endings_of(sm.root)[sm.root]
     assert not mission.running
     for active in published:
         states = [sm.chart.states[number] for number in active.active]
-        assert any(state.kind is StateKind.TASK for state in states)
+        assert any(state.kind in LEAVES for state in states)
         for number, state in zip(active.active, states, strict=True):
             inside = [one for one in active.active if sm.chart.states[one].parent == number]
             assert state.kind is not StateKind.EPSILON
             assert state.parent in active.active or not number
-            assert len(inside) == 1 or state.kind.is_concurrent or state.kind is StateKind.TASK
+            assert len(inside) == 1 or state.kind.is_concurrent or state.kind in LEAVES
 
 
-def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
+def explored(root: MachineState) -> tuple[set[MachineState], set[str]]:
     """Return the states that the statechart can enter and its possible endings, by exhaustive
     search.
     """
-    entered, endings = set[MachineState](), set[Ending]()
+    entered, endings = set[MachineState](), set[str]()
     chart = Statechart(root, entered.add, lambda _: None)
-    seen = set[tuple[MachineState, ...]]()
-    paths: list[list[tuple[MachineState, Ending]]] = [[]]
+    seen = set[tuple[object, ...]]()
+    paths: list[list[tuple[MachineState, str]]] = [[]]
     for path in paths:
         chart.begin()
         for step in path:
-            chart.record_end(*step)
+            if step[1]:
+                chart.record_end(*step)
+            else:
+                chart.record_time(step[0])
         if chart.ending is not None:
             endings.add(chart.ending)
-        elif (active := tuple(chart.active)) not in seen:
-            seen.add(active)
-            tasks = [state for state in active if state.kind is StateKind.TASK]
-            paths += [[*path, (task, ending)] for task in tasks for ending in ENDINGS]
+        elif (present := (*chart.active, *map(str, chart._ended.items()))) not in seen:
+            seen.add(present)
+            for state in chart.active:
+                own = (*state.outcomes, "failed") if state.kind is StateKind.CALL else ENDINGS
+                events = [*(own if state.kind in LEAVES else ()), *([""] if state.timed else [])]
+                paths += [[*path, (state, event)] for event in events]
     return entered, endings
 
 

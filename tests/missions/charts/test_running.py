@@ -1,5 +1,7 @@
 """Running machines, on a mission whose tasks end as scripted."""
 
+from typing import Any
+
 import pytest
 from missions.charts.played import Played, PlayedMission
 
@@ -244,3 +246,60 @@ def test_tasks_start_in_written_and_stop_in_reverse_order() -> None:
         "Second(False) interrupted",
         "First(False) interrupted",
     ]
+
+
+def test_machine_leaves_a_state_after_a_time() -> None:
+    with StateMachine("wait") as sm:
+        sm.Listen("listen").after(2.0, "outer").on(completed="listen")
+        with sm.sequence("outer").after(5.0, "timeout"):
+            sm.Look().after(3.0, "Turn")
+            sm.Turn()
+    run = Played(sm, "Listen completed", "time", "time", "time")
+    assert run.end == ("timeout", "outer: after 5 s")
+    assert run.mission.now == 7.0
+    assert [one.after for one in run.published] == [
+        "",
+        "listen has completed",
+        "listen: after 2 s",
+        "Look: after 3 s",
+    ]
+    assert run.happened[2:] == [
+        "start Listen",
+        "stop Listen",
+        "Listen interrupted",
+        "start Look",
+        "stop Look",
+        "Look interrupted",
+        "start Turn",
+        "stop Turn",
+        "Turn interrupted",
+    ]
+
+
+def test_task_that_ends_in_time_stops_the_timer() -> None:
+    with StateMachine("wait") as sm:
+        sm.Listen().after(2.0, "Turn").on(completed="Look")
+        sm.Look().after(9.0, "completed")
+        sm.Turn()
+    run = Played(sm, "Listen completed", "time")
+    assert run.end == ("completed", "Look: after 9 s")
+    assert run.mission.now == 9.0
+
+
+def test_python_states_wait_for_tasks_that_have_ended() -> None:
+    """A branch of Python states does not keep the other branch from its turn."""
+    calls: list[int] = []
+    with Concurrence("both") as sm:
+        sm.Look(foreground=False)
+        sm.call(lambda _: calls.append(1), "count").on(completed="count")
+    mission = PlayedMission()
+    first_ended = mission.first_ended
+
+    def end_after_three(tasks: Any, timeout: float | None = None) -> Any:
+        if len(calls) == 3:
+            mission.script, timeout = ["Look completed"], None
+        return first_ended(tasks, timeout)
+
+    mission.first_ended = end_after_three  # type: ignore[method-assign]
+    assert Played(sm, on=mission).end == ("completed", "Look has completed")
+    assert len(calls) == 3

@@ -4,8 +4,21 @@ from collections.abc import Callable
 
 import pytest
 
-from tca_behaviours.missions.charts import Concurrence, Sequence, StateMachine, UnsoundMachine
+from tca_behaviours.missions.charts import (
+    Concurrence,
+    FromData,
+    Sequence,
+    StateMachine,
+    UnsoundMachine,
+    UserData,
+    state,
+)
 from tca_module import MisuseError
+
+
+@state(outcomes=["found", "lost"])
+def _search(_: UserData) -> str:
+    raise AssertionError
 
 
 def _unknown_target(sm: StateMachine) -> None:
@@ -87,6 +100,53 @@ def _epsilon_fails(sm: StateMachine) -> None:
     sm.GoTo("home")
 
 
+def _undeclared_outcome(sm: StateMachine) -> None:
+    with sm.machine("inner", outcomes=["gone"]):
+        sm.call(_search, "search").on(found="completed")
+
+
+def _target_like_an_outcome(sm: StateMachine) -> None:
+    with sm.machine("inner", outcomes=["lost"]).on(lost="completed"):
+        sm.GoTo().on(failed="losst")
+
+
+def _label_is_an_outcome(sm: StateMachine) -> None:
+    with sm.machine("inner", outcomes=["lost"]).on(lost="completed"):
+        sm.GoTo("lost")
+
+
+def _misspelt_ending(sm: StateMachine) -> None:
+    sm.GoTo().on(compleated="home")
+    sm.GoTo("home")
+
+
+def _map_of_another_state(sm: StateMachine) -> None:
+    with sm.concurrence("both", outcome_map={"found": {"Lok": "completed"}}):
+        sm.Look()
+        sm.Listen(foreground=False)
+
+
+def _map_of_another_ending(sm: StateMachine) -> None:
+    with sm.concurrence("both", outcome_map={"found": {"search": "seen"}}):
+        sm.Look()
+        sm.call(_search, "search").on(found="completed", lost="completed")
+
+
+def _after_in_a_python_state(sm: StateMachine) -> None:
+    sm.call(_search, "search").on(found="completed", lost="completed").after(1.0, "failed")
+
+
+def _after_into_container(sm: StateMachine) -> None:
+    sm.GoTo().after(1.0, "inside")
+    with sm.sequence("inner"):
+        sm.Wait()
+        sm.Wait("inside")
+
+
+def _after_to_nowhere(sm: StateMachine) -> None:
+    sm.GoTo().after(1.0, "hom")
+
+
 def _same_label(sm: StateMachine) -> None:
     sm.GoTo("home")
     sm.Wait("home")
@@ -110,7 +170,7 @@ def test_machine_misuse_is_rejected_when_written() -> None:
             goto.on(completed=3)  # type: ignore[arg-type]
         with pytest.raises(MisuseError, match="parameters are given by name"):
             sm.GoTo(1.0)
-        with pytest.raises(MisuseError, match="until must be 'any' or 'all', not 'some'"):
+        with pytest.raises(MisuseError, match=r"until must be .* not 'some'"):
             sm.concurrence(until="some")  # type: ignore[arg-type]
         with sm.sequence() as inner:
             sm.GoTo()
@@ -134,3 +194,15 @@ def test_machine_misuse_is_rejected_when_written() -> None:
 def test_error_in_a_machine_block_is_not_masked() -> None:
     with pytest.raises(ZeroDivisionError), Sequence("robot"):
         raise ZeroDivisionError
+
+
+def test_misuse_of_a_machine_has_an_error_of_its_own(approve: Callable[..., None]) -> None:
+    def message_of(code: str) -> str:
+        names = {"state": state, "FromData": FromData, "Sequence": Sequence}
+        with Sequence("robot") as sm:
+            with pytest.raises(MisuseError) as refused:
+                eval(code, {**names, "sm": sm})
+            sm.GoTo("failed")
+        return str(refused.value)
+
+    approve("misuses.txt", message_of)

@@ -1,0 +1,68 @@
+"""A machine of tasks and Python states: try to grasp, count, and give up after three times.
+
+Two servers offer the tasks. User data pass from state to state. Both eyes look together, and the
+outcome map says what their endings mean. ``after`` ends a wait that takes too long.
+
+Output::
+
+    look from both sides
+    grasp at 0.3
+    grasp at 0.2
+    grasp at 0.1
+    given up after 3 grasps
+"""
+
+from tca_behaviours.missions import Environment, Mission, OnceTask, TaskServer, parameter
+from tca_behaviours.missions.charts import FromData, StateMachine, UserData, state
+
+
+class Look(OnceTask[Environment]):
+    """Look for the cup from one side."""
+
+    side: str = parameter("left", "Where to look from")
+
+    def iterate(self) -> None:
+        if self.side == "right":
+            raise self.failed("too dark")
+
+
+class Grasp(OnceTask[Environment]):
+    """Grasp the cup."""
+
+    height: float
+
+    def iterate(self) -> None:
+        print(f"grasp at {self.height:g}")
+        self.sleep(10.0)  # it never gets hold of the cup
+
+
+@state(outcomes=["again", "enough"])
+def count(data: UserData) -> str:
+    data.tries += 1
+    data.height -= 0.1
+    return "again" if data.tries < 3 else "enough"
+
+
+with StateMachine("fetch", outcomes=["given up"]) as fetch:
+    fetch.call(lambda _: print("look from both sides"), "begin").on(completed="look")
+    with fetch.concurrence(
+        "look",
+        until="all ended",
+        outcome_map={"seen": {"left": "completed"}, "sure": {"right": "completed"}},
+        default="failed",
+    ).on(seen="grasp", sure="grasp"):
+        fetch.Look("left", side="left", foreground=False)
+        fetch.Look("right", side="right", foreground=False)
+    fetch.Grasp("grasp", server="arm", height=FromData("height")).after(0.1, "count")
+    fetch.call(count).on(again="grasp", enough="given up")
+
+
+if __name__ == "__main__":
+    with (
+        TaskServer("eyes", Environment(), tasks=[Look]).running(),
+        TaskServer("arm", Environment(), tasks=[Grasp]).running(),
+        Mission("eyes") as mission,
+    ):
+        data = {"tries": 0, "height": 0.3}
+        end = fetch.run(mission, data=data)
+        print(f"{end.outcome} after {data['tries']} grasps")
