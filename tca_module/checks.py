@@ -259,7 +259,8 @@ def check_handles(failure: Any, handler: Any) -> None:
     "timeout", have no data.
     """
     if not isinstance(handler, ExceptionHandler):
-        raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
+        text = f"on_failure(): {handler!r:.60} is no ExceptionHandler"
+        raise MisuseError(f"{text}: declare the message as one")
     wants = f"{handler.title} wants data of type {handler.data}"
     if failure is None:
         if first_misfit(NO_DATA, handler.data.schema):
@@ -313,6 +314,16 @@ def check_function(
             signature.bind(*(None,) * number)
             return number
     raise MisuseError(f"{what}: {name} is declared with {signature}: declare it with {wanted}")
+
+
+def check_decorator(call: str, given: object) -> None:
+    """Raise MisuseError if a function is *given* because a decorator lacks its parentheses.
+
+    *call*: the decorator with its argument, such as "handles(MESSAGE)".
+    """
+    if inspect.isfunction(given):
+        text = f"{given.__qualname__} is decorated without parentheses"
+        raise MisuseError(f"{call}: {text}: write @module.{call}")
 
 
 def is_async(function: Callable[..., object]) -> bool:

@@ -12,6 +12,7 @@ from tca_module.module import Module
 from tca_module.sending.task import Task
 from tca_module.serving.annotations import check_annotation
 from tca_wire.messages.declarations import Failure, Message
+from tca_wire.vocabulary import Limit
 
 _SOON = 5.0  # seconds of real time
 
@@ -162,7 +163,8 @@ class Rig:
                 starts after the modules that handle them.
 
         Raises:
-            MisuseError: an argument is not a module, or a module runs already.
+            MisuseError: an argument is not a module, a module runs already, or a LocalCentral has
+                no handler of a message that a module requires.
             CentralLost: central does not answer.
 
         Example::
@@ -172,9 +174,13 @@ class Rig:
         """
         checks.check("start()", _MODULES, modules=modules)
         for module in modules:
+            self._check_required(module)
             self._modules.callback(setattr, module, "central", module.central)
             module.central = self._central
             self._modules.enter_context(module.running())
+
+    def _check_required(self, module: Module) -> None:
+        """Raise MisuseError if a message that the module requires will never get a handler."""
 
     def fake(self, message: Message[Any, Any], *, returns: Any = None, fails: Any = None) -> Fake:
         """Handle a message in place of its module, until the test's central closes.
@@ -204,7 +210,7 @@ class Rig:
         """
         fake = Fake(message, returns, fails)
         number = sum(one.message.name == message.name for one in self._fakes)
-        name = f"fake of {message.name}"[: checks.Limit.NAME - 4]
+        name = f"fake of {message.name}"[: Limit.NAME - 4]
         module = Module(f"{name} {number + 1}" if number else name)
         module.handles(message)(fake)
         self.start(module)

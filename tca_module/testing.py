@@ -24,6 +24,7 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick
 from tca_module import checks
 from tca_module.errors import MisuseError, Timeout
+from tca_module.module import Module
 from tca_module.rig import Rig
 from tca_module.sockets.transport import Waker
 from tca_wire.journal import facts
@@ -107,6 +108,16 @@ class LocalCentral(Rig):
         )
         if not stepped:
             self._clock.start()
+
+    def _check_required(self, module: Module) -> None:
+        known = self.core.registry.messages
+        with self._lock:
+            handled = [name for name, message in known.items() if message.handlers]
+        missing = [one.name for one in module.required_elsewhere() if one.name not in handled]
+        if missing:
+            text = f"module '{module.name}' requires {checks.quoted(missing)}"
+            advice = "start the module that handles it first, or fake() the message"
+            raise MisuseError(f"start(): {text}, which no module handles: {advice}")
 
     # --- time -------------------------------------------------------------------------------------
 

@@ -210,7 +210,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "client": {"checks", "errors", "link", "log", "sending"},
         "module": {"checks", "errors", "link", "log", "sending", "serving", "session"},
         "rig": {"checks", "errors", "link", "module", "sending", "serving"},
-        "testing": {"checks", "errors", "rig", "sockets"},
+        "testing": {"checks", "errors", "module", "rig", "sockets"},
         "__init__": {"client", "errors", "following", "module", "sending", "serving"},
     },
     "tca_behaviours": {

@@ -22,6 +22,9 @@ from tca_module.testing import LocalCentral
 PARCEL = Parcel("book", Trip("kitchen", "store"))
 
 
+pytestmark = pytest.mark.usefixtures("drive")
+
+
 @pytest.fixture
 def drive(tca_central: LocalCentral) -> Fake:
     """Return the fake of the wheels. The arm, the map and the battery are fakes, too."""
@@ -46,7 +49,7 @@ def test_delivery_drives_to_the_parcel_then_to_its_end(
     assert drive.calls == ["kitchen", "store"]
 
 
-def test_parcel_is_put_down_after_the_last_drive(tca_central: LocalCentral, drive: Fake) -> None:
+def test_parcel_is_put_down_after_the_last_drive(tca_central: LocalCentral) -> None:
     deliver(tca_central)
     lines = tca_central.transcript().splitlines()
     delivered = [line.split()[2] for line in lines if " delivered: " in line]
@@ -54,7 +57,7 @@ def test_parcel_is_put_down_after_the_last_drive(tca_central: LocalCentral, driv
 
 
 def test_blocked_drive_is_tried_again_after_ten_seconds(
-    tca_central: LocalCentral, drive: Fake
+    tca_central: LocalCentral,
 ) -> None:
     again = tca_central.fake(DRIVE, returns=[BLOCKED("a chair"), 5.0, 5.0])
     delivery = deliver(tca_central)
@@ -65,7 +68,7 @@ def test_blocked_drive_is_tried_again_after_ten_seconds(
     assert delivery.wait(timeout=5) is Outcome.DONE
 
 
-def test_delivery_fails_after_three_blocked_drives(tca_central: LocalCentral, drive: Fake) -> None:
+def test_delivery_fails_after_three_blocked_drives(tca_central: LocalCentral) -> None:
     blocked = tca_central.fake(DRIVE, fails=BLOCKED("a wall"))
     delivery = deliver(tca_central)
     tca_central.advance(60)
