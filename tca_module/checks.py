@@ -247,6 +247,8 @@ def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") 
     if not isinstance(message, wanted):
         has_call = type(message) in EXECUTED and not call
         advice = f": use {EXECUTED[type(message)]}()" if has_call else ""
+        if isinstance(message, str):
+            advice = f": give the declaration, such as {wanted[0].__name__}({message!r:.60})"
         classes, call = " or ".join(kind.__name__ for kind in wanted), call or EXECUTED[wanted[0]]
         text = f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}"
         raise MisuseError(text)

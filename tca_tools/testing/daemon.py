@@ -5,8 +5,9 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tca_module import connect
 from tca_module.rig import Rig
-from tca_tools.supervise.programs import Programs, central_in
+from tca_tools.supervise.programs import START_TIME, Programs, central_in
 from tca_tools.supervise.robot_file import load
 from tca_wire.endpoint import VARIABLE
 
@@ -66,6 +67,7 @@ class DaemonOfTest(Rig):
 def daemon_in(folder: Path) -> Iterator[DaemonOfTest]:
     """A context with a central of its own, whose journal and logs are in *folder*."""
     with central_in(folder) as (address, programs):
+        connect("pytest", address, patience=START_TIME).close()  # it has started
         daemon = DaemonOfTest(address, folder / "journal", programs)
         before = os.environ.get(VARIABLE)
         os.environ[VARIABLE] = address
