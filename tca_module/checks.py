@@ -247,6 +247,8 @@ def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") 
     if not isinstance(message, wanted):
         has_call = type(message) in EXECUTED and not call
         advice = f": use {EXECUTED[type(message)]}()" if has_call else ""
+        if isinstance(message, str):
+            advice = f": give the declaration, such as {wanted[0].__name__}({message!r:.60})"
         classes, call = " or ".join(kind.__name__ for kind in wanted), call or EXECUTED[wanted[0]]
         text = f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}"
         raise MisuseError(text)
@@ -259,7 +261,8 @@ def check_handles(failure: Any, handler: Any) -> None:
     "timeout", have no data.
     """
     if not isinstance(handler, ExceptionHandler):
-        raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
+        text = f"on_failure(): {handler!r:.60} is no ExceptionHandler"
+        raise MisuseError(f"{text}: declare the message as one")
     wants = f"{handler.title} wants data of type {handler.data}"
     if failure is None:
         if first_misfit(NO_DATA, handler.data.schema):
@@ -313,6 +316,16 @@ def check_function(
             signature.bind(*(None,) * number)
             return number
     raise MisuseError(f"{what}: {name} is declared with {signature}: declare it with {wanted}")
+
+
+def check_decorator(call: str, given: object) -> None:
+    """Raise MisuseError if a function is *given* because a decorator lacks its parentheses.
+
+    *call*: the decorator with its argument, such as "handles(MESSAGE)".
+    """
+    if inspect.isfunction(given):
+        text = f"{given.__qualname__} is decorated without parentheses"
+        raise MisuseError(f"{call}: {text}: write @module.{call}")
 
 
 def is_async(function: Callable[..., object]) -> bool:

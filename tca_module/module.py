@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_function
+from tca_module.checks import check, check_class, check_decorator, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, Connection
 from tca_module.link.keepalive import CHECK_PERIOD, KeepAlive
@@ -195,6 +195,7 @@ class Module(ModuleCallbacks):
                 return motors.move_to(place)
         """
         self._check_not_running("handles()")
+        check_decorator("handles(MESSAGE)", message)
         handler_format = checked_format(message, options, self.name, self._resources)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -238,7 +239,8 @@ class Module(ModuleCallbacks):
         name = handler.message.name
         if known := self._handlers.get(name):
             text = f"module '{self.name}' handles '{name}' already, in {known.name}"
-            raise MisuseError(f"{text}: a module has one handler for each message")
+            advice = "leave one of the two out, or give it to another module"
+            raise MisuseError(f"{text}: {advice}")
         self._handlers[name] = handler
         self._resources.setdefault(handler.resource, ResourcePlan())
 
@@ -330,11 +332,9 @@ class Module(ModuleCallbacks):
                 user.goal(TAKE_STEPS, arc).wait(timeout=60)
         """
         if self._link is not None:
-            text = "runs already"
-            if self._stop.is_set():
-                block = "'with module.running():' block"
-                text = f"is ending: leave its {block} before you start it again"
-            raise MisuseError(f"module '{self.name}' {text}")
+            state = "is ending" if self._stop.is_set() else "runs already"
+            advice = "leave its 'with module.running():' block before you start it again"
+            raise MisuseError(f"module '{self.name}' {state}: {advice}")
         self._stop.clear()
         try:
             self._start(patience, linger, reconnect=reconnect)
@@ -401,9 +401,7 @@ class Module(ModuleCallbacks):
 
     def _wait_for_required(self, link: Connection) -> None:
         """Wait until all required messages that this module does not handle have a handler."""
-        # A module that waited for its own handlers would never get to declare them.
-        required = [message for message in self._required if message.name not in self._handlers]
-        if not required:
+        if not (required := self.required_elsewhere()):
             return
         link.declare(*required)
         names = link.session.redeclaration.required = [message.name for message in required]
@@ -421,6 +419,11 @@ class Module(ModuleCallbacks):
                 has_warned = True
                 text = "which it requires; see 'tca messages'"
                 self._log.warning("waits for handlers of %s, %s", checks.quoted(names), text)
+
+    def required_elsewhere(self) -> list[Message[Any, Any]]:
+        """Return the required messages that the module does not handle itself."""
+        # A module that waited for its own handlers would never get to declare them.
+        return [message for message in self._required if message.name not in self._handlers]
 
     def _open_slots(self, incarnation: str, serving: Serving) -> None:
         """Start a thread for each slot of the resources in use."""

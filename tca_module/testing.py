@@ -3,12 +3,11 @@
 Example::
 
     with LocalCentral(stepped=True) as central:
-        planner = Module("gait planner", central=central)
-        ...
-        with planner.running(), connect("test", central) as user:
-            user.command(MOVE_LEG, leg_move, delay=60)
-            central.advance(60)
-            assert central.transcript() == expected
+        move_leg = central.fake(MOVE_LEG)
+        central.start(gait_planner)
+        gait_planner.goal(TAKE_STEPS, arc, delay=60)
+        central.advance(60)
+        assert move_leg.calls == expected
 """
 
 import itertools
@@ -18,18 +17,23 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Self
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick
 from tca_module import checks
 from tca_module.errors import MisuseError, Timeout
+from tca_module.module import Module
+from tca_module.rig import Rig
 from tca_module.sockets.transport import Waker
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact
+from tca_wire.journal.records import record
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.codec import pack_item, packets, unpack_to_central
 from tca_wire.packets.headers import Closing, Hello, ToModule, Unknown
+from tca_wire.release import release
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
 
@@ -46,7 +50,7 @@ _BEFORE_ALL = (
 """Facts of the joining of programs. Programs may join at the same time, in any order."""
 
 
-class LocalCentral:
+class LocalCentral(Rig):
     """The core of central in the process of a test. Any thread may use it.
 
     With *stepped*, the clock of central stands still except in ``advance()``. One handler runs at a
@@ -82,6 +86,7 @@ class LocalCentral:
         check: Callable[[Central], None] | None = None,
         stepped: bool = False,
     ) -> None:
+        super().__init__(self)
         self._check = check
         self.is_stepped = stepped
         self.address = f"local central '{epoch}'"
@@ -103,6 +108,16 @@ class LocalCentral:
         )
         if not stepped:
             self._clock.start()
+
+    def _check_required(self, module: Module) -> None:
+        known = self.core.registry.messages
+        with self._lock:
+            handled = [name for name, message in known.items() if message.handlers]
+        missing = [one.name for one in module.required_elsewhere() if one.name not in handled]
+        if missing:
+            text = f"module '{module.name}' requires {checks.quoted(missing)}"
+            advice = "start the module that handles it first, or fake() the message"
+            raise MisuseError(f"start(): {text}, which no module handles: {advice}")
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -265,6 +280,24 @@ class LocalCentral:
                     lines.append(f"{line}: {data}" if data else line)
         return "\n".join([*lines, ""])
 
+    def save(self, path: Path) -> None:
+        """Write the journal to a file, for ``tca log``, ``tca tree`` and the other tools.
+
+        Args:
+            path: the file, whose name must end in ".tcaj".
+
+        Raises:
+            OSError: the file can't be written.
+
+        Example::
+
+            central.save(tmp_path / "journal.tcaj")
+        """
+        with self._lock:
+            entries, began = self.entries[:], time.time() - self.now()
+        opened = facts.Opened(facts.JOURNAL_VERSION, self.core.epoch, 1, began, release())
+        path.write_bytes(b"".join(map(record, [Entry(0, 0.0, [opened]), *entries])))
+
     # --- connections ------------------------------------------------------------------------------
 
     def transport(self) -> "LocalTransport":
@@ -288,7 +321,13 @@ class LocalCentral:
             self.schedule()
 
     def close(self) -> None:
-        """End central and its thread. Closing again does nothing."""
+        """End the modules and fakes, central and its thread. Closing again does nothing."""
+        try:
+            super().close()
+        finally:
+            self._end()
+
+    def _end(self) -> None:
         with self._due:
             self._is_closed = True
             self._due.notify()

@@ -210,7 +210,9 @@ def _refuse_difference(
     if difference:
         sides = f"here = module '{module.name}', there = {there}"
         raise RequestError(
-            Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})"
+            Refusal.FORMAT,
+            f"two formats for message '{declared.name}': {difference} ({sides}): declare it once,"
+            " in a file that all programs import",
         )
 
 

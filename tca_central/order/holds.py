@@ -227,7 +227,8 @@ class Holds(Stored):
             text = (
                 f"constraint {constraint} can never be met: {' <= '.join(cycle)} would be a cycle"
             )
-            raise RequestError(Refusal.CYCLE, text + _monitor_advice(path))
+            advice = _monitor_advice(path) or ": leave out one of these constraints"
+            raise RequestError(Refusal.CYCLE, text + advice)
 
     def undo(self, added: list[Constraint]) -> None:
         """Undo the constraints in *added*, newest first. They were just put in force."""

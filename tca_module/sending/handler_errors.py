@@ -22,6 +22,8 @@ from tca_wire.text.printable import shortened
 
 _TRACEBACK_LIMIT = 8000  # characters
 
+_NOT_RAISED = ": to raise a declared failure, call it: raise COLLISION() or raise COLLISION(data)"
+
 
 class Misfit(Exception):
     """A handler's data or result do not fit the declaration."""
@@ -113,7 +115,9 @@ def _describe(error: BaseException) -> str:
     text = "".join(traceback.format_exception(type(error), error, trace)).rstrip()
     if len(text) > _TRACEBACK_LIMIT:
         text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"
-    return f"{''.join(traceback.format_exception_only(error)).rstrip()}\n{text}"
+    first = "".join(traceback.format_exception_only(error)).rstrip()
+    advice = _NOT_RAISED if str(error) == "exceptions must derive from BaseException" else ""
+    return f"{first}{advice}\n{text}"
 
 
 def _without_library_frames(trace: TracebackType | None) -> TracebackType | None:

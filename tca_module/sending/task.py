@@ -116,7 +116,7 @@ class Task(Sender, TaskNode, ReportingTask):
         Raises:
             MisuseError: the message was not sent as an exception handler.
         """
-        return self._context(Trouble, "exception handler")
+        return self._context(Trouble, "trouble", "an exception handler", "on_failure()")
 
     @property
     def tap_event(self) -> TapEvent:
@@ -125,7 +125,7 @@ class Task(Sender, TaskNode, ReportingTask):
         Raises:
             MisuseError: the message was not sent as a listener.
         """
-        return self._context(TapEvent, "listener of a wiretap")
+        return self._context(TapEvent, "tap_event", "a listener of a wiretap", "tap()")
 
     @property
     def monitor_ref(self) -> MonitorRef[Any]:
@@ -134,12 +134,13 @@ class Task(Sender, TaskNode, ReportingTask):
         Raises:
             MisuseError: the message was not sent by a monitor.
         """
-        return self._context(MonitorRef, "message of a monitor")
+        return self._context(MonitorRef, "monitor_ref", "a message of a monitor", "monitor()")
 
-    def _context(self, kind: type[C], what: str) -> C:
+    def _context(self, kind: type[C], name: str, what: str, call: str) -> C:
         context = context_of(self._connection(), self._delivery, self._origin)
         if not isinstance(context, kind):
-            raise MisuseError(f"'{self.message}' was not sent as {what}")
+            text = f"task.{name}: '{self.message}' was not sent as {what}"
+            raise MisuseError(f"{text}: name it in {call} instead of sending it")
         return context
 
     # --- requests of clients ----------------------------------------------------------------------

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any, Protocol
 
-from tca_module.checks import DELAY, PERIOD, check, check_function
+from tca_module.checks import DELAY, check, check_function
 from tca_module.errors import MisuseError
 from tca_module.following.mirror import ChangeCallback
 from tca_module.following.observation import Observation
@@ -125,7 +125,6 @@ class Callbacks:
 
     def every(self, period: float, function: Callable[..., object]) -> Callback:
         """Call a function periodically."""
-        check("every()", PERIOD, period=period)
         return self._add(Callback(self, function, DueTime(period, is_once=False)))
 
     def after(self, delay: float, function: Callable[..., object]) -> Callback:

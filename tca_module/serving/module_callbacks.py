@@ -53,6 +53,8 @@ class ModuleCallbacks(Sender):
             def poll(callback: Callback) -> None:
                 callback.inform(BATTERY, read_level())
         """
+        checks.check_decorator("every(PERIOD)", period)
+        check("every()", checks.PERIOD, period=period)
         check("every()", checks.NAME_OR_NONE, resource=resource)
 
         def declare(function: F) -> F:
@@ -95,6 +97,7 @@ class ModuleCallbacks(Sender):
                 sender.inform(GAZE, change.goal.place)
         """
         self._check_not_running("observes()")
+        checks.check_decorator("observes(MESSAGE)", message)
         check("observes()", checks.NAME_OR_NONE, resource=resource)
 
         def declare(function: O) -> O:

@@ -50,7 +50,8 @@ class Format(Generic[T]):
                 kind, dec_hook=decode_custom, ext_hook=decode_array
             )
         except (TypeError, NameError, ValueError) as error:
-            raise BadFormat(f"{self} can't be a format: {error}") from None
+            advice = "give a type, such as float, list[int] or a dataclass"
+            raise BadFormat(f"{self} can't be a format: {error}: {advice}") from None
         self._encoder = msgspec.msgpack.Encoder(enc_hook=encode_custom)
         self._always_readable = kind if kind in _ALWAYS_READABLE else None
         self._has_fields = '"properties"' in self.schema or '"prefixItems"' in self.schema

@@ -62,7 +62,7 @@ def test_notice_must_be_declared_in_centrals_format(player: Player) -> None:
     other_class = MessageFormat(MODULE_LEFT.name, MessageClass.INFORM, MODULE_LEFT.format.data)
     assert declare(player, other_class).text == (
         "two formats for message 'tca: module left': a inform here, a broadcast there "
-        "(here = module 'user', there = central)"
+        "(here = module 'user', there = central): declare it once, in a file that all programs import"
     )
     other_data = MessageFormat(MODULE_LEFT.name, MessageClass.BROADCAST, INTEGER)
     assert "data $: integer here, " in declare(player, other_data).text

@@ -1,0 +1,1 @@
+"""A robot of five programs that carries parcels from room to room."""
