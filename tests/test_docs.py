@@ -112,6 +112,7 @@ MACHINES = """
 from tca_behaviours.missions import Mission
 from tca_behaviours.missions.charts import Concurrence, Sequence, StateMachine
 patrol: StateMachine = Sequence("any")
+sm = patrol
 """
 
 SERVERS = """

@@ -11,9 +11,12 @@ import pytest
 
 import tca_module
 from tca_behaviours import missions
+from tca_behaviours.missions import charts
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "tca-mapping.md").read_text()
+
+PACKAGES = (charts, missions, tca_module)
 
 ROWS = [row for row in re.findall(r"^\|(.+)\|$", PAGE, re.MULTILINE) if not set(row) <= set("|- ")]
 CELLS = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)] for row in ROWS]
@@ -37,9 +40,8 @@ def commands() -> set[str]:
 
 
 def public_classes() -> list[type]:
-    return [
-        thing for thing in (*vars(tca_module).values(), missions.Mission) if inspect.isclass(thing)
-    ]
+    offered = (*vars(tca_module).values(), missions.Mission, *vars(charts).values())
+    return [thing for thing in offered if inspect.isclass(thing)]
 
 
 def has(owner: type, name: str) -> bool:
@@ -75,9 +77,10 @@ def test_each_mapped_name_exists(token: str) -> None:
     elif token.endswith("="):
         assert token[:-1] in keywords()
     elif re.fullmatch(r"\w+", token):
-        assert hasattr(tca_module, token) or hasattr(missions, token)
+        assert any(hasattr(package, token) for package in PACKAGES)
     elif match := re.fullmatch(r"([A-Z]\w+)\.(\w+)", token):
-        assert has(getattr(missions, match[1], None) or getattr(tca_module, match[1]), match[2])
+        owner = next(vars(one)[match[1]] for one in PACKAGES if match[1] in vars(one))
+        assert has(owner, match[2])
     else:  # Python code: some class has its attributes and keywords
         names = re.findall(r"\.([a-z]\w*)", token)
         assert names
