@@ -296,10 +296,12 @@ class State(Waits):
         data: bytes = b"",
         *,
         outcome: Outcome | None = None,
+        request: int = 0,
     ) -> None:
         """Report a change of a task's state to its observers.
 
         With an *outcome* the task has ended. Observations of the task or of its subtree then end.
+        *request* is the number of the client's request that the change makes or answers.
         """
         observers = list(self.observers.of(task)) if self.observers.may_observe(task) else []
         if not (observers or (outcome is not None and self.observers.of_many)):
@@ -317,6 +319,7 @@ class State(Waits):
             data,
             is_over=outcome is not None,
             outcome=outcome,
+            request=request,
         )
         encoded = msgspec.msgpack.encode(change)
         for one in observers:

@@ -58,7 +58,16 @@ from tca_module.serving.handler_options import HandlerOptions
 from tca_module.serving.server import Server
 from tca_wire.constraints import Constraint
 from tca_wire.errors import BadFormat
-from tca_wire.life_cycles import BASIC, GENERAL, Effect, LifeCycle, Transition, ending
+from tca_wire.life_cycles import (
+    BASIC,
+    GENERAL,
+    ONE_UPDATE,
+    ROS_GOAL,
+    Effect,
+    LifeCycle,
+    Transition,
+    ending,
+)
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import (
     Broadcast,
@@ -89,6 +98,8 @@ __all__ = [
     "HANDLERS_CHANGED",
     "MODULE_JOINED",
     "MODULE_LEFT",
+    "ONE_UPDATE",
+    "ROS_GOAL",
     "Arrival",
     "AttachmentRef",
     "BadData",
