@@ -157,18 +157,21 @@ class LifeCycle:
         ]
         here = [row for row in rows if row.source == state]
         # A client's request may have changed the state since the handler has chosen its end.
-        named = [row for row in (here + rows if is_success else here) if row.name == name]
-        if found := named or here:
+        choices = here + rows if is_success else here
+        if found := [row for row in choices if row.name == name] or here:
             return found[0]
         target = ends[0] if is_success or is_kill or not rows else rows[0].target
         return Transition("completed" if is_success else str(outcome), state, target, Party.CENTRAL)
 
-    def may_complete(self, states: Iterable[str], name: str = "") -> bool:
-        """Return whether a handler may complete a task in one of *states*, by transition *name*."""
-        return any(
-            row.target in self.successes and row.source in states and name in ("", row.name)
-            for row in self.transitions
-        )
+    def completion(self, states: Iterable[str], name: str = "") -> Transition | None:
+        """Return the transition by which a handler completes a task in the first possible state.
+
+        With a *name*, only the transition of that name counts. The result is None if no transition
+        completes a task in any of *states*.
+        """
+        rows = [row for row in self.transitions if row.target in self.successes]
+        rows = [row for row in rows if name in ("", row.name)]
+        return next((row for state in states for row in rows if row.source == state), None)
 
     def is_pending(self, state: str, name: str) -> bool:
         """Return whether a task in *state* waits for an answer to a client's transition *name*."""

@@ -111,9 +111,11 @@ def set_ending(central: State, delivery: Delivery, transition: str) -> str:
         return ""
     # The server is dominant: its end may come before requests that it has not seen.
     asked = task.clients.asked if task.clients is not None else []
-    if cycle.may_complete([task.state, *(one.source for one in asked)], transition):
+    step = cycle.completion([task.state, *(one.source for one in asked)], transition)
+    if step is not None:
+        if transition or step.source != task.state:
+            Clients.of(task).ending = step.name
         if transition:
-            Clients.of(task).ending = transition
             central.tree.pop_client_requests(task)
         return ""
     if not transition and cycle.ends_on_request(task.state):

@@ -133,8 +133,7 @@ def publish_end(central: State, task: Task) -> None:
     counts: the one that it has named, or that has the name of its failure.
     """
     outcome, failure, text, body = central.outcome(task)
-    chosen = task.clients.ending if task.clients is not None else ""
-    step = task.message.life_cycle.end(task.state, outcome, failure or chosen)
+    step = task.message.life_cycle.end(task.state, outcome, failure or task.ending)
     task.state = step.target
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else step.by

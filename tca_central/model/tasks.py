@@ -249,6 +249,11 @@ class Task(Ordered):
             task = task.parent
 
     @property
+    def ending(self) -> str:
+        """The transition by which its handler ends the task; "" for the usual one."""
+        return self.clients.ending if self.clients is not None else ""
+
+    @property
     def end_state(self) -> str:
         """The final state of an ended task, if its life cycle has several; else ""."""
         return self.state if self.message.has_many_ends else ""

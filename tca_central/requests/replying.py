@@ -111,7 +111,7 @@ def _complete(
             Outcome.DONE,
             body,
             ended if ended < now else 0.0,
-            header.transition,
+            delivery.ending if isinstance(delivery, Task) else "",
         )
     )
     central.dispatcher.complete(delivery, ended, header.took)

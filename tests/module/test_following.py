@@ -457,7 +457,7 @@ def test_client_takes_custom_transition(user: Client, arm: Module, central: Loca
     assert carry.take("pause", why="a step ahead")
     assert carry.state == "paused"
     with pytest.raises(
-        Refused, match="the task is 'paused', and that is possible while it is 'running' or"
+        Refused, match="the task is 'paused', and that is possible while it is 'running'"
     ):
         carry.take("pause")
     with pytest.raises(
