@@ -235,11 +235,11 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
     is_refused = handler is not None and step.name in handler.refuses
     if is_refused and cycle.refusal(task.state) is not None:
         return f"the handler of '{message.name}' takes no '{step.name}'"
-    if _restarts_against_wish(handler, cycle, step) and cycle.refusal(task.state) is not None:
-        return (
-            f"the handler of '{message.name}' takes no '{step.name}', and a restart with the new"
-            " goal would end what it does, but it refuses that"
-        )
+    can_refuse = handler is not None and cycle.refusal(task.state) is not None
+    if handler is not None and can_refuse and _restarts_against_wish(handler, cycle, step):
+        names = _listed(list(handler.refuses))
+        text = f"the handler of '{message.name}' takes no '{step.name}'"
+        return f"{text}, and can't be called again: it refuses {names}"
     if step.effect is Effect.NEW_GOAL:
         try:
             check_order(central, task, None)
@@ -251,11 +251,10 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
     return f"the handler of '{message.name}' knows no '{step.name}'"
 
 
-def _restarts_against_wish(handler: Handler | None, cycle: LifeCycle, step: Transition) -> bool:
+def _restarts_against_wish(handler: Handler, cycle: LifeCycle, step: Transition) -> bool:
     """Whether the default update would end the work of a handler that refuses cancels."""
     return (
         step.effect is Effect.NEW_GOAL
-        and handler is not None
         and step.name not in handler.takes
         and any(
             row.name in handler.refuses and cycle.ends_on_request(row.target)

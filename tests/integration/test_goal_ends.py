@@ -41,7 +41,7 @@ SERVER = """
 @pytest.fixture
 def server_and_user(tmp_path: Path) -> Iterator[tuple[Process, Client]]:
     with (
-        central(tmp_path, "--silence", "2") as daemon,
+        central(tmp_path, "--lost-after", "3") as daemon,
         program(SERVER, daemon.address) as server,
         connect("user", daemon.address) as user,
     ):
