@@ -91,7 +91,9 @@ def test_newest_update_wins_and_older_says_why(
         older = going.update_send(2)
         if answers_first:
             central.advance(1)
-        newer = other.find(going.id, go).update_send(3)
+        found = other.task(going.id)
+        assert found is not None
+        newer = found.update_send(3, message=go)
         central.advance(1)
         newer.wait()
         if answers_first:
