@@ -410,7 +410,7 @@ class Central(State):
 
     def _on_ended(self, task: Task) -> None:
         """Clean up after a task that has ended, and report its end."""
-        if self.observers.may_observe(task) or task.message.has_many_ends:
+        if self.observers.may_observe(task) or task.message.life_cycle.has_many_ends:
             observing.publish_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")

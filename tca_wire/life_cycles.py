@@ -75,6 +75,7 @@ class LifeCycle:
         self.name, self.initial = name, initial
         self.successes = (done,) if isinstance(done, str) else tuple(done)
         self.failures = (cancelled,) if isinstance(cancelled, str) else tuple(cancelled)
+        self.has_many_ends = len(self.successes) + len(self.failures) > 2
         self.transitions = tuple(transitions)
         for row in self.transitions:
             if not isinstance(row, Transition):

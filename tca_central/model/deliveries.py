@@ -290,7 +290,6 @@ class Declared(Stored):
         "fans_out",
         "first_declared_by",
         "format",
-        "has_many_ends",
         "initial_state",
         "is_goal",
         "is_interval_monitor",
@@ -314,7 +313,6 @@ class Declared(Stored):
         self.is_goal = declared.message_class.is_goal
         cycle = self.life_cycle
         self.initial_state, self.running_state = cycle.initial, cycle.accepted.target
-        self.has_many_ends = len(cycle.successes) + len(cycle.failures) > 2
         self.is_interval_monitor = declared.message_class.is_interval_monitor
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out

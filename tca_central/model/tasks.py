@@ -256,7 +256,7 @@ class Task(Ordered):
     @property
     def end_state(self) -> str:
         """The final state of an ended task, if its life cycle has several; else ""."""
-        return self.state if self.message.has_many_ends else ""
+        return self.state if self.message.life_cycle.has_many_ends else ""
 
     def find_above(self, number: int) -> "Task | None":
         """Return the task with the id *number* if it is this task or an ancestor; else None.
