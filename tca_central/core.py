@@ -417,7 +417,7 @@ class Central(State):
 
     def _on_ended(self, task: Task) -> None:
         """Clean up after a task that has ended, and report its end."""
-        if self.observers.may_observe(task):
+        if self.observers.may_observe(task) or task.message.life_cycle.has_many_ends:
             observing.publish_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
@@ -432,15 +432,16 @@ class Central(State):
             keeping.retain_or_drop(self, task, task.retention)
         if task.role is Role.EXCEPTION:
             failures.on_exception_handler_ended(self, task)
-        if task.result or task.killed or task.failure is not None:
+        if task.result or task.killed or task.failure is not None or task.end_state:
             self._remember_outcome(task, self.outcome(task))
 
     def _remember_outcome(self, task: Task, outcome: TaskOutcome) -> None:
-        """Store the outcome of a task that has a result or a failure, or was killed."""
+        """Store the outcome of a task, unless it is done without a result and in the usual way."""
         owners = self.registry.permissions.outcome_owners
         if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
             owners[task.id] = task.sent_by.principal
-        for forgotten in self.memory.remember(task.id, outcome, self.budget.outcomes):
+        end, most_bytes = task.end_state, self.budget.outcomes
+        for forgotten in self.memory.remember(task.id, outcome, end, most_bytes):
             owners.pop(forgotten, None)
             self.tree.never_began.pop(forgotten, None)
 

@@ -296,10 +296,12 @@ class State(Waits):
         data: bytes = b"",
         *,
         outcome: Outcome | None = None,
+        request: int = 0,
     ) -> None:
         """Report a change of a task's state to its observers.
 
-        With an *outcome* the task has ended. Observations of the task or of its subtree then end.
+        With an *outcome* the task has ended, and so do observations of it or its subtree. *request*
+        is the number of the client's request that the change makes or answers.
         """
         observers = list(self.observers.of(task)) if self.observers.may_observe(task) else []
         if not (observers or (outcome is not None and self.observers.of_many)):
@@ -317,16 +319,14 @@ class State(Waits):
             data,
             is_over=outcome is not None,
             outcome=outcome,
+            request=request,
         )
         encoded = msgspec.msgpack.encode(change)
         for one in observers:
             self.notify_observer(one, encoded, task.state)
         if outcome is not None:
-            for one in [
-                one
-                for one in (*observers, *self.observers.of_many)
-                if task.id in (one.task_id, one.below)
-            ]:
+            all_observers = (*observers, *self.observers.of_many)
+            for one in [one for one in all_observers if task.id in (one.task_id, one.below)]:
                 self.end_observers_wait(one)
                 self.observers.remove(one)
                 one.connection.outstanding.pop(one.number, None)

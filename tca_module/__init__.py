@@ -58,7 +58,16 @@ from tca_module.serving.handler_options import HandlerOptions
 from tca_module.serving.server import Server
 from tca_wire.constraints import Constraint
 from tca_wire.errors import BadFormat
-from tca_wire.life_cycles import BASIC, GENERAL, Effect, LifeCycle, Transition, ending
+from tca_wire.life_cycles import (
+    BASIC,
+    GENERAL,
+    ONE_UPDATE,
+    ROS_GOAL,
+    Effect,
+    LifeCycle,
+    Transition,
+    ending,
+)
 from tca_wire.messages.built_in import (
     BAD_DATA,
     CANCELLED,
@@ -110,8 +119,10 @@ __all__ = [
     "MODULE_JOINED",
     "MODULE_LEFT",
     "MODULE_LOST",
+    "ONE_UPDATE",
     "OVERLOAD",
     "REJECTED",
+    "ROS_GOAL",
     "TIMEOUT",
     "UNCERTAIN",
     "Arrival",

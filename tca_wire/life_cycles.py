@@ -1,12 +1,12 @@
 """Life cycles of tasks: the states of a task that its clients see, and the allowed transitions.
 
 After Lütkebohle et al., "The Task-State Pattern". ``BASIC`` is figure 2. ``GENERAL`` is figure 10,
-the default for goals and commands. All life cycles have one initial state and two final states:
-*done* and *cancelled*.
+the default for goals and commands. ``ROS_GOAL`` is the table of ROS 2. A life cycle has one initial
+state and any number of final states. Each final state counts as done, or as cancelled.
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from functools import lru_cache
 
@@ -46,8 +46,9 @@ class LifeCycle:
         name: the name of the life cycle, for errors.
         transitions: the rows of the table. Parties: client, server or both.
         initial: the state of a task before a handler has accepted it.
-        done: the final state of a task that has completed.
-        cancelled: the final state of a task that has ended without completion.
+        done: the final state of a task that has completed; or several, the usual one first.
+        cancelled: the final state of a task that has ended without completion; or several. The
+            first one is for killed tasks that have no transition to an end.
 
     Raises:
         BadFormat: the table is not usable: a state can't be reached, or can't reach an end.
@@ -68,16 +69,19 @@ class LifeCycle:
         transitions: Iterable[Transition],
         *,
         initial: str = "initiated",
-        done: str = "done",
-        cancelled: str = "cancelled",
+        done: str | Sequence[str] = "done",
+        cancelled: str | Sequence[str] = "cancelled",
     ) -> None:
-        self.name, self.initial, self.done, self.cancelled = name, initial, done, cancelled
+        self.name, self.initial = name, initial
+        self.successes = (done,) if isinstance(done, str) else tuple(done)
+        self.failures = (cancelled,) if isinstance(cancelled, str) else tuple(cancelled)
+        self.has_many_ends = len(self.successes) + len(self.failures) > 2
         self.transitions = tuple(transitions)
         for row in self.transitions:
             if not isinstance(row, Transition):
                 self._refuse(f"{row!r:.40} is not a Transition")
         named = [state for row in self.transitions for state in (row.source, row.target)]
-        self.states = tuple(dict.fromkeys([initial, *named, done, cancelled]))
+        self.states = tuple(dict.fromkeys([initial, *named, *self.successes, *self.failures]))
         self.steps = {(row.source, row.name): row for row in self.transitions}
         self._check()
         self.accepted = next(row for row in self.transitions if self._accepts(row))
@@ -93,15 +97,25 @@ class LifeCycle:
         return hash(self.text)
 
     @property
+    def done(self) -> str:
+        """The usual final state of a task that has completed."""
+        return self.successes[0]
+
+    @property
+    def cancelled(self) -> str:
+        """The final state of a killed task that has no transition to an end."""
+        return self.failures[0]
+
+    @property
     def active(self) -> tuple[str, ...]:
         """The states of a task that was accepted and has not ended."""
         return tuple(
-            state for state in self.states if state not in (self.initial, self.done, self.cancelled)
+            state for state in self.states if state != self.initial and not self.is_over(state)
         )
 
     def is_over(self, state: str) -> bool:
         """Return whether a state is final."""
-        return state in (self.done, self.cancelled)
+        return state in self.successes or state in self.failures
 
     def step(self, state: str, name: str, by: Party) -> Transition | None:
         """Return the transition of that name out of *state*, if that party may take it."""
@@ -122,17 +136,50 @@ class LifeCycle:
             dict.fromkeys(row.name for row in self.transitions if row.by in (by, Party.BOTH))
         )
 
-    def ending(self, state: str, end: str, outcome: Outcome) -> str:
-        """Return the name of the first transition from *state* to *end* that fits the outcome."""
+    def end(self, state: str, outcome: Outcome, name: str = "") -> Transition:
+        """Return the transition by which a task ends.
+
+        If the table has none for the outcome, central ends the task, and the party is ``CENTRAL``.
+
+        Args:
+            state: the last state of the task.
+            outcome: how the task ended.
+            name: the transition that the handler has chosen, or the name of the task's failure.
+        """
+        is_success, is_kill = outcome.lets_successors_continue, outcome is Outcome.KILLED
+        ends = self.successes if is_success else self.failures
         if outcome is Outcome.RESOLVED:  # central ends it, so no row of the table applies
-            return str(outcome)
-        rows = (row for row in self.transitions if (row.source, row.target) == (state, end))
+            return Transition(str(outcome), state, ends[0])
         # A kill takes the row of a client's cancel (STOP); other failures take other rows.
-        is_kill = outcome is Outcome.KILLED
-        for row in rows:
-            if end == self.done or (row.effect is Effect.STOP) is is_kill:
-                return row.name
-        return "completed" if end == self.done else str(outcome)
+        rows = [
+            row
+            for row in self.transitions
+            if row.target in ends and (is_success or (row.effect is Effect.STOP) is is_kill)
+        ]
+        here = [row for row in rows if row.source == state]
+        # A client's request may have changed the state since the handler has chosen its end.
+        choices = here + rows if is_success else here
+        if found := [row for row in choices if row.name == name] or here:
+            return found[0]
+        target = ends[0] if is_success or is_kill or not rows else rows[0].target
+        return Transition("completed" if is_success else str(outcome), state, target, Party.CENTRAL)
+
+    def completion(self, states: Iterable[str], name: str = "") -> Transition | None:
+        """Return the transition by which a handler completes a task in the first possible state.
+
+        With a *name*, only the transition of that name counts. The result is None if no transition
+        completes a task in any of *states*.
+        """
+        rows = [row for row in self.transitions if row.target in self.successes]
+        rows = [row for row in rows if name in ("", row.name)]
+        return next((row for state in states for row in rows if row.source == state), None)
+
+    def is_pending(self, state: str, name: str) -> bool:
+        """Return whether a task in *state* waits for an answer to a client's transition *name*."""
+        asked = (row for row in self.transitions if (row.name, row.target) == (name, state))
+        return any(row.by is Party.CLIENT for row in asked) and bool(
+            self.grant(state) or self.refusal(state) or self.ends_on_request(state)
+        )
 
     def refusal(self, state: str) -> Transition | None:
         """Return the transition by which the server refuses a client's request."""
@@ -160,9 +207,8 @@ class LifeCycle:
     def text(self) -> str:
         """The table as text, by which central compares the declarations of a message."""
         rows = json.loads(msgspec.json.encode(self.transitions))
-        return json.dumps(
-            [self.name, self.initial, self.done, self.cancelled, rows], separators=(",", ":")
-        )
+        ends = [one[0] if len(one) == 1 else list(one) for one in (self.successes, self.failures)]
+        return json.dumps([self.name, self.initial, *ends, rows], separators=(",", ":"))
 
     # --- checks -----------------------------------------------------------------------------------
 
@@ -178,8 +224,11 @@ class LifeCycle:
         if len(self.transitions) > MOST_TRANSITIONS:
             number = len(self.transitions)
             self._refuse(f"it has {number} transitions: at most {MOST_TRANSITIONS} are allowed")
-        if len({self.initial, self.done, self.cancelled}) < 3:
-            self._refuse("its initial state and its two final states must differ")
+        if not (self.successes and self.failures):
+            self._refuse("give at least one state as done=, and one as cancelled=")
+        special = (self.initial, *self.successes, *self.failures)
+        if len(set(special)) < len(special):
+            self._refuse("its initial state and its final states must differ")
         if len(self.steps) < len(self.transitions):
             rows = [(row.source, row.name) for row in self.transitions]
             repeated = next(row for at, row in enumerate(self.transitions) if rows[at] in rows[:at])
@@ -215,8 +264,9 @@ class LifeCycle:
             self._refuse(
                 f"{where}: only the server may end a task: lead to a state that the server leaves"
             )
-        if row.effect is Effect.STOP and row.target != self.cancelled:
-            self._refuse(f"{where}: with the effect 'stop' it must lead to '{self.cancelled}'")
+        if row.effect is Effect.STOP and row.target not in self.failures:
+            ends = " or ".join(f"'{end}'" for end in self.failures)
+            self._refuse(f"{where}: with the effect 'stop' it must lead to {ends}")
 
     def _check_reachability(self) -> None:
         reached = _reachable([self.initial], [(row.source, row.target) for row in self.transitions])
@@ -225,7 +275,7 @@ class LifeCycle:
         reversed_arrows = [
             (row.target, row.source) for row in self.transitions if row.by is not Party.CLIENT
         ]
-        can_end = _reachable([self.done, self.cancelled], reversed_arrows)
+        can_end = _reachable([*self.successes, *self.failures], reversed_arrows)
         if stuck := [state for state in self.states if state not in can_end]:
             self._refuse(
                 f"the server can't end a task that is '{stuck[0]}':"
@@ -270,7 +320,7 @@ def read_life_cycle(text: str) -> LifeCycle:
 def _read(text: str) -> LifeCycle:
     try:
         name, initial, done, cancelled, rows = msgspec.json.decode(
-            text, type=tuple[str, str, str, str, list[Transition]]
+            text, type=tuple[str, str, str | list[str], str | list[str], list[Transition]]
         )
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadFormat(f"not the table of a life cycle: {error}") from None
@@ -292,7 +342,10 @@ GENERAL = LifeCycle(
     "general",
     [
         *_first_transitions(),
-        Transition("update", "running", "update requested", Party.CLIENT, Effect.NEW_GOAL),
+        *(
+            Transition("update", state, "update requested", Party.CLIENT, Effect.NEW_GOAL)
+            for state in ("running", "update requested")
+        ),
         Transition("accept", "update requested", "running", Party.SERVER, Effect.TAKE_GOAL),
         Transition("reject", "update requested", "running", Party.SERVER, Effect.REFUSE),
         *(
@@ -310,5 +363,34 @@ GENERAL = LifeCycle(
 )
 """Figure 10: a running task can also be cancelled and get a new goal, and has intermediate results.
 
-A client may cancel a task before it is accepted: an early cancel must not be lost.
+A client may cancel a task before it is accepted: an early cancel must not be lost. If updates come
+faster than the handler answers them, the newest wins.
 """
+
+ONE_UPDATE = LifeCycle(
+    "one update",
+    [
+        row
+        for row in GENERAL.transitions
+        if (row.source, row.name) != ("update requested", "update")
+    ],
+)
+"""As ``GENERAL``, but an update is refused while another one is pending: the oldest wins."""
+
+ROS_GOAL = LifeCycle(
+    "ros goal",
+    [
+        Transition("execute", "accepted", "executing"),
+        Transition("cancel_goal", "accepted", "canceling", Party.CLIENT),
+        Transition("cancel_goal", "executing", "canceling", Party.CLIENT),
+        Transition("succeed", "executing", "succeeded"),
+        Transition("succeed", "canceling", "succeeded"),
+        Transition("abort", "executing", "aborted"),
+        Transition("abort", "canceling", "aborted"),
+        Transition("canceled", "canceling", "canceled", Party.SERVER, Effect.STOP),
+    ],
+    initial="accepted",
+    done="succeeded",
+    cancelled=["canceled", "aborted"],
+)
+"""The states of a goal of ROS 2 (rcl_action). It has no updates, and a cancel can't be refused."""

@@ -20,11 +20,11 @@ from msgspec.structs import replace
 from tca_central.errors import RequestError
 from tca_central.failing.failures import kill, retry_task
 from tca_central.failing.retry_order import check_order
-from tca_central.model.deliveries import Connection
-from tca_central.model.tasks import ClientRequest, Task, Verdict
+from tca_central.model.deliveries import Connection, Delivery, Handler
+from tca_central.model.tasks import ClientRequest, Clients, Task, Verdict
 from tca_central.state import State
 from tca_wire.journal import facts
-from tca_wire.life_cycles import Effect, Transition, read_life_cycle
+from tca_wire.life_cycles import Effect, LifeCycle, Transition, read_life_cycle
 from tca_wire.packets.changes import ChangeState, Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.text.printable import shortened
@@ -43,11 +43,18 @@ def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> Non
             text = f"{what} is not a task: its handler accepts and takes nothing"
             raise RequestError(Refusal.PROTOCOL, text)
         return
-    names = read_life_cycle(declared.life_cycle).names(Party.CLIENT)
+    cycle = read_life_cycle(declared.life_cycle)
+    names = cycle.names(Party.CLIENT)
     for name in wishes:
         if name not in names:
             what = f"the handler of '{declared.name}' can't take '{name}'"
             text = f"{what}: clients take {_listed(names)}"
+            raise RequestError(Refusal.PROTOCOL, text)
+    for row in cycle.transitions if handled.refuses else ():
+        is_refused = row.name in handled.refuses and row.by is Party.CLIENT
+        if is_refused and cycle.ends_on_request(row.target) and not cycle.refusal(row.target):
+            what = f"the handler of '{declared.name}' can't refuse '{row.name}'"
+            text = f"{what}: {cycle} has no transition for that"
             raise RequestError(Refusal.PROTOCOL, text)
 
 
@@ -59,6 +66,7 @@ def restart(central: State, task: Task) -> None:
     asked = central.tree.pop_client_requests(task)
     if task.clients is not None:
         task.clients.newest = 0  # the next handler has not been sent any requests
+        task.clients.ending = ""
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
     elif task.state != task.message.initial_state:
@@ -91,6 +99,33 @@ def on_change_state(
         _change_by_client(central, connection, header, body, task)
 
 
+def set_ending(central: State, delivery: Delivery, transition: str) -> str:
+    """Store the transition by which the handler that has returned ends its task ("": the usual).
+
+    Return why the task can't end in this way; "" if it can. If only a client's request to end the
+    task is left to be followed, kill the task.
+    """
+    if not isinstance(delivery, Task) or not (transition or delivery.message.format.life_cycle):
+        return ""
+    task, cycle = delivery, delivery.message.life_cycle
+    if task.killed or task.retry_pending:
+        return ""
+    # The server is dominant: its end may come before requests that it has not seen.
+    asked = task.clients.asked if task.clients is not None else []
+    step = cycle.completion([task.state, *(one.source for one in asked)], transition)
+    if step is not None:
+        if transition or step.source != task.state:
+            Clients.of(task).ending = step.name
+        if transition:
+            central.tree.pop_client_requests(task)
+        return ""
+    if not transition and cycle.ends_on_request(task.state):
+        kill(central, task, _wanted_by(asked, CENTRAL))
+        return ""
+    what = f"can't end by '{transition}'" if transition else "can't end as done"
+    return f"{task} is '{task.state}': in this state its handler {what}, by {cycle}"
+
+
 # --- changes by a client --------------------------------------------------------------------------
 
 
@@ -116,8 +151,9 @@ def _change_by_client(
             raise RequestError(
                 Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already"
             )
+    number = task.serial + 1  # later answers to the request refer to this change
     apply_client_request(central, task, step, connection.module.name, header.text, body)
-    central.accept(connection, header.number, task.serial)
+    central.accept(connection, header.number, number)
 
 
 def apply_client_request(
@@ -131,7 +167,7 @@ def apply_client_request(
             Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes="
         )
     source = task.state
-    _apply_step(central, task, step, Party.CLIENT, module, text, body)
+    _apply_step(central, task, step, Party.CLIENT, module, text, body, request=task.serial + 1)
     asked = ClientRequest(step.name, source, task.serial, module, text, body, needs_decision)
     central.tree.ask(task, asked)
     if needs_decision:
@@ -183,9 +219,9 @@ def _decide(
         refusal = task.message.life_cycle.refusal(task.state)
         central.tree.pop_client_requests(task)
         if refusal is not None:
-            _apply_step(central, task, refusal, Party.CENTRAL, "", why)
+            _apply_step(central, task, refusal, Party.CENTRAL, "", why, request=asked.serial)
     elif step.effect is Effect.NEW_GOAL:
-        _accept_goal(central, task, asked.body)
+        _accept_goal(central, task, asked)
         retry_task(central, task, asked.body, asked.module)
     elif task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by([asked], asked.module)._replace(origin=origin))
@@ -200,6 +236,11 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
     is_refused = handler is not None and step.name in handler.refuses
     if is_refused and cycle.refusal(task.state) is not None:
         return f"the handler of '{message.name}' takes no '{step.name}'"
+    can_refuse = handler is not None and cycle.refusal(task.state) is not None
+    if handler is not None and can_refuse and _restarts_against_wish(handler, cycle, step):
+        names = _listed(list(handler.refuses))
+        text = f"the handler of '{message.name}' takes no '{step.name}'"
+        return f"{text}, and can't be called again: it refuses {names}"
     if step.effect is Effect.NEW_GOAL:
         try:
             check_order(central, task, None)
@@ -211,13 +252,26 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
     return f"the handler of '{message.name}' knows no '{step.name}'"
 
 
-def _accept_goal(central: State, task: Task, goal: bytes) -> None:
+def _restarts_against_wish(handler: Handler, cycle: LifeCycle, step: Transition) -> bool:
+    """Whether the default update would end the work of a handler that refuses cancels."""
+    return (
+        step.effect is Effect.NEW_GOAL
+        and step.name not in handler.takes
+        and any(
+            row.name in handler.refuses and cycle.ends_on_request(row.target)
+            for row in cycle.transitions
+        )
+    )
+
+
+def _accept_goal(central: State, task: Task, asked: ClientRequest) -> None:
     """Replace the task's goal. Grant the update if the life cycle has a transition for grants."""
     central.tree.pop_client_requests(task)
-    _set_goal(central, task, goal)
+    _set_goal(central, task, asked.body)
     grant = task.message.life_cycle.grant(task.state)
     if grant is not None:
-        _apply_step(central, task, grant, Party.CENTRAL, "", "it starts again with the new goal")
+        text = "it starts again with the new goal"
+        _apply_step(central, task, grant, Party.CENTRAL, "", text, request=asked.serial)
 
 
 # --- changes by the server ------------------------------------------------------------------------
@@ -275,6 +329,7 @@ def _apply_server_step(
         _apply_step(central, task, step, Party.SERVER, module, text, body)
         return
     asked = central.tree.pop_client_requests(task)
+    answered = max((one.serial for one in asked if one.serial <= seen), default=0)
     if step.effect is Effect.TAKE_GOAL:
         goals = [one.body for one in asked if one.serial <= seen and one.body]
         # The server may have changed the goal.
@@ -283,7 +338,7 @@ def _apply_server_step(
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
         return
-    _apply_step(central, task, step, Party.SERVER, module, text, body)
+    _apply_step(central, task, step, Party.SERVER, module, text, body, request=answered)
 
 
 def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
@@ -294,8 +349,10 @@ def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
     if step is None:
         central.facts.append(facts.Ignored(asked.module, _too_late(task, asked.name)))
     else:
-        source = task.state
-        _apply_step(central, task, step, Party.CLIENT, asked.module, asked.text, asked.body)
+        source, by = task.state, asked.module
+        _apply_step(
+            central, task, step, Party.CLIENT, by, asked.text, asked.body, request=asked.serial
+        )
         central.tree.ask(task, asked._replace(source=source))
 
 
@@ -322,14 +379,19 @@ def _apply_step(
     module: str,
     text: str,
     body: bytes = b"",
+    *,
+    request: int = 0,
 ) -> None:
-    """Change the state. Report the change to the journal and to observers."""
+    """Change the state. Report the change to the journal and to observers.
+
+    *request* is the number of the client's request that the change makes or answers.
+    """
     task.state = step.target
     task.serial += 1
     central.facts.append(
         facts.StateChanged(task.id, step.name, task.state, task.serial, by, module, text, body)
     )
-    central.notify_observers(task, step.name, by, module, text, body)
+    central.notify_observers(task, step.name, by, module, text, body, request=request)
 
 
 def _check_known(task: Task, name: str, by: Party) -> None:
@@ -354,6 +416,8 @@ def _too_late(task: Task, name: str) -> str:
 
 def _not_now(task: Task, name: str, by: Party) -> str:
     """Return why a transition is not possible in the task's present state."""
+    if task.message.life_cycle.is_pending(task.state, name):
+        return f"another '{name}' of {task} is pending: it is '{task.state}'"
     sources = " or ".join(f"'{one}'" for one in task.message.life_cycle.sources(name, by))
     return f"{task} is '{task.state}': '{name}' is possible while it is {sources}"
 

@@ -86,11 +86,12 @@ def _answer_ended(central: State, connection: Connection, header: Observe) -> No
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
     message = central.registry.messages.get(name)
     cycle = message.life_cycle if message is not None else GENERAL
+    usual_end = cycle.done if result.lets_successors_continue else cycle.cancelled
     change = StateChange(
         header.task,
         name,
         -1,
-        cycle.done if result.lets_successors_continue else cycle.cancelled,
+        central.memory.end_of(header.task) or usual_end,
         "",
         Party.SERVER,
         text=_failure_text(failure, text),
@@ -126,14 +127,16 @@ def _current_state(task: Task) -> StateChange:
 
 
 def publish_end(central: State, task: Task) -> None:
-    """Send observers the final state of an ended task. The state follows from the outcome."""
-    cycle = task.message.life_cycle
+    """Set the final state of an ended task, and send it to observers.
+
+    The outcome and the life cycle determine the state. Of several transitions, the handler's choice
+    counts: the one that it has named, or that has the name of its failure.
+    """
     outcome, failure, text, body = central.outcome(task)
-    end_state = cycle.done if outcome.lets_successors_continue else cycle.cancelled
-    transition = cycle.ending(task.state, end_state, outcome)
-    task.state = end_state
+    step = task.message.life_cycle.end(task.state, outcome, failure or task.ending)
+    task.state = step.target
     task.serial += 1
-    by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
+    by = Party.CENTRAL if outcome is Outcome.KILLED else step.by
     central.notify_observers(
-        task, transition, by, "", _failure_text(failure, text), body, outcome=outcome
+        task, step.name, by, "", _failure_text(failure, text), body, outcome=outcome
     )

@@ -251,6 +251,16 @@ class Task(Ordered):
             yield task
             task = task.parent
 
+    @property
+    def ending(self) -> str:
+        """The transition by which its handler ends the task; "" for the usual one."""
+        return self.clients.ending if self.clients is not None else ""
+
+    @property
+    def end_state(self) -> str:
+        """The final state of an ended task, if its life cycle has several; else ""."""
+        return self.state if self.message.life_cycle.has_many_ends else ""
+
     def find_above(self, number: int) -> "Task | None":
         """Return the task with the id *number* if it is this task or an ancestor; else None.
 
@@ -414,13 +424,14 @@ class ClientRequest(NamedTuple):
 class Clients(Stored):
     """The requests of clients for a task, and its newest intermediate result."""
 
-    __slots__ = ("asked", "newest", "progress")
+    __slots__ = ("asked", "ending", "newest", "progress")
 
     def __init__(self) -> None:
         #: Requests since the handler's last change of state, oldest first.
         self.asked: list[ClientRequest] = []
         self.newest = 0  #: the serial number of the newest request
         self.progress = b""  #: the newest intermediate result
+        self.ending = ""  #: the transition by which the handler that has returned ends the task
 
     @staticmethod
     def of(task: Task) -> "Clients":
@@ -452,11 +463,12 @@ class Retention(Stored):
 class TaskRecord(Stored):
     """The record of an ended task, retained for a module."""
 
-    __slots__ = ("body", "id", "message", "outcome", "parent", "retention", "role")
+    __slots__ = ("body", "end", "id", "message", "outcome", "parent", "retention", "role")
 
     def __init__(self, task: Task, outcome: TaskOutcome, retention: Retention) -> None:
         self.id, self.message, self.role = task.id, task.message, task.role
         self.body, self.outcome = task.body, outcome
+        self.end = task.end_state  #: its final state, if its outcome does not tell
         self.parent: Task | TaskRecord | None = task.parent  #: a living task or a record
         self.retention = retention
         for child in retention.records.values():

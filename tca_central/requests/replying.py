@@ -4,6 +4,7 @@ from tca_central.control.monitors import on_condition_answered
 from tca_central.control.revoking import fail_for_lost_locks
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, failure_of, kill, reissue
+from tca_central.life_cycles.changes import set_ending
 from tca_central.locks.claims import end_claims_of, pop_losses, suspect_kept_claims
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery
@@ -52,7 +53,7 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """Complete a delivery whose handler has returned."""
-    _complete(central, connection, header.delivery, body, header.took, header.refusals)
+    _complete(central, connection, header, body)
 
 
 def on_replies(
@@ -69,7 +70,8 @@ def on_replies(
         connection.next_began_at = connection.to_central_time(now, ended.ago + ended.took)
         reply, offset = body[offset : offset + ended.size], offset + ended.size
         try:
-            _complete(central, connection, ended.delivery, reply or NIL, ended.took, ago=ended.ago)
+            one = headers.Reply(ended.delivery, ended.took)
+            _complete(central, connection, one, reply or NIL, ended.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
     connection.next_began_at = (
@@ -80,23 +82,23 @@ def on_replies(
 def _complete(
     central: State,
     connection: Connection,
-    number: int,
+    header: headers.Reply,
     body: bytes,
-    took: float,
-    refusals: int = 0,
     ago: float = 0.0,
 ) -> None:
-    """Complete the delivery of that number, whose handler has returned *ago* seconds ago.
+    """Complete a delivery whose handler has returned *ago* seconds ago.
 
-    *refusals* is the number of refused *quiet* tasks that the handler knows of. If central has
-    refused more, the delivery fails.
+    The delivery fails if central has refused more *quiet* tasks than the handler knows of, or if
+    its task can't end in this way.
     """
+    number = header.delivery
     delivery = _running_delivery(central, connection, number)
     if delivery is None:
         return
     refused, now = delivery.refused, central.clock.now
-    if refused.delivery == number and refused.number > refusals:
-        on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, refused.text), b"")
+    error = refused.text if refused.delivery == number and refused.number > header.refusals else ""
+    if error or (error := set_ending(central, delivery, header.transition)):
+        on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, error), b"")
         return
     if why := _why_not_stored(central, delivery, body):
         text = f"its result is not taken: {why}"
@@ -104,9 +106,15 @@ def _complete(
         return
     ended = max(delivery.since, connection.to_central_time(now, ago)) if ago else now
     central.facts.append(
-        facts.Returned(delivery.handling_id, Outcome.DONE, body, ended if ended < now else 0.0)
+        facts.Returned(
+            delivery.handling_id,
+            Outcome.DONE,
+            body,
+            ended if ended < now else 0.0,
+            delivery.ending if isinstance(delivery, Task) else "",
+        )
     )
-    central.dispatcher.complete(delivery, ended, took)
+    central.dispatcher.complete(delivery, ended, header.took)
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
         end_claims_of(central, delivery, "it has ended")

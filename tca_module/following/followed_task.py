@@ -430,6 +430,8 @@ class FollowedTask(NamedTask, Generic[C]):
         is_known = state and name in names and not cycle.is_over(state)
         if is_known and cycle.step(state, name, Party.CLIENT) is None:
             sources = quoted(cycle.sources(name, Party.CLIENT), " or ")
+            if cycle.is_pending(state, name):
+                raise Refused(what, Refusal.TOO_LATE, f"another '{name}' is pending")
             text = f"the task is '{state}', and that is possible while it is {sources}"
             raise Refused(what, Refusal.TOO_LATE, text)
 

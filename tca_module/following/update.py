@@ -42,6 +42,7 @@ class PendingUpdate:
         self._row = row
         self._is_over = False
         self._reason = ""  # the reason of the rejection
+        self._newer = ""  # a client's transition that has come after the update
         request.notify = self._mirror.wake_waiter
 
     @property
@@ -96,7 +97,9 @@ class PendingUpdate:
         serial = self._request.accepted or 0  # 0: central did not make the client's transition
         if not serial:
             state = self._mirror.known_state or "about to end"
-            self._finish(f"it came too late, the task is {state}")
+            is_pending = self._life_cycle.is_pending(state, self._row.name)
+            late = f"it came too late, the task is {state}"
+            self._finish("another update is pending" if is_pending else late)
         moved_on = ""  # the state to which the server has moved on
         while self._unread and not self._is_over:
             observed = self._unread.pop()
@@ -105,8 +108,13 @@ class PendingUpdate:
                 is_gapless = not (observed.missed or change.is_late)
                 moved_on = self._examine(change, is_gapless=is_gapless)
         if moved_on and not self._is_over:  # central sends the request to the server only once
-            self._finish(f"the task is {moved_on} by now")
+            self._finish(self._overtaken or f"the task is {moved_on} by now")
         return self._is_over
+
+    @property
+    def _overtaken(self) -> str:
+        """The reason that a newer request of a client has overtaken the update; "" if none has."""
+        return f"it was overtaken by a newer '{self._newer}'" if self._newer else ""
 
     def _examine(self, change: StateChange, *, is_gapless: bool) -> str:
         """Examine one change: the update's own transition, or a later one.
@@ -120,23 +128,25 @@ class PendingUpdate:
             if (row.name, row.target) == (change.transition, change.state)
         }
         is_waiting = self._life_cycle.grant(change.state) is not None
+        is_own = change.request == self._request.accepted
         if change.is_over:
             why = f": {change.text}" if change.text else ""
-            self._finish(f"the task is {change.state or 'over'}{why}")
+            self._finish(self._overtaken or f"the task is {change.state or 'over'}{why}")
         elif not is_gapless and not is_waiting:
             is_adopted = change.goal == self._goal
             self._finish("" if is_adopted else "changes were missed, and it is not the task's goal")
-        elif Effect.TAKE_GOAL in effects or (
-            change.transition == "restarted" and not self._can_grant
+        elif (Effect.TAKE_GOAL in effects and is_own) or (
+            change.transition == "restarted" and not (self._can_grant or self._newer)
         ):
             self._finish()
-        elif Effect.REFUSE in effects:
+        elif Effect.REFUSE in effects and is_own:
             self._finish(change.text or "its handler gives no reason")
         elif change.transition == "restarted":
-            self._finish("its handler was called again, without it")
+            self._finish(self._overtaken or "its handler was called again, without it")
         elif change.by is Party.CLIENT:
-            if (change.transition, change.state) != (self._row.name, self._row.target):
-                self._finish(f"'{change.transition}' came after it")
+            # The server may still answer the update, if it has not seen the newer request.
+            if change.request > (self._request.accepted or 0):
+                self._newer = change.transition
         elif not is_waiting:
             return change.state
         return ""

@@ -118,7 +118,9 @@ class LaterReply(ReportingTask, Generic[R]):
             MisuseError: the message has been answered already.
             Stopped: the module has ended.
         """
-        self._answer_with(Reply(self._delivery.delivery), self._message.encode_reply(value))
+        ending = self._state.ending if self._state is not None else ""
+        reply = Reply(self._delivery.delivery, transition=ending)
+        self._answer_with(reply, self._message.encode_reply(value))
 
     def fail(self, error: BaseException) -> None:
         """Complete the message with a failure.

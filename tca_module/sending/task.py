@@ -69,6 +69,7 @@ class Task(Sender, TaskNode, ReportingTask):
         TaskNode.__init__(self, task_id)
         self.began = connection.now()
         self.later: LaterReply[Any] | None = None
+        self._served: ServerState | None = None  # for a task of the tree, from its first use on
 
     def __repr__(self) -> str:
         return self._what
@@ -350,12 +351,20 @@ class Task(Sender, TaskNode, ReportingTask):
         connection = self._connection()
         connection.catch_up()
         delivery, message = self._delivery, self._message
-        return connection.session.open_deliveries.state_of(
+        self._served = connection.session.open_deliveries.state_of(
             self.delivery,
             lambda handler: ServerState(
                 connection, delivery, handler, message, accepts=self._accepts
             ),
         )
+        return self._served
+
+    @property
+    def ending(self) -> str:
+        """The transition by which the handler ends the task, if it has chosen one with ``take()``;
+        else "".
+        """
+        return self._served.ending if self._served is not None else ""
 
     def raise_send_errors(self) -> None:
         """Raise the error of a task that the handler has sent, if one is known.

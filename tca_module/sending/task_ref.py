@@ -356,7 +356,7 @@ class Change:
             return decode_progress(message, data)
         if not self.is_over:
             return self._goal_of(data)
-        if message is not None and data and self.state == life_cycle_of(message).done:
+        if message is not None and data and self.state in life_cycle_of(message).successes:
             return message.decode_reply(data)
         return decode_untyped(data)
 

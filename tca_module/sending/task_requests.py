@@ -126,6 +126,7 @@ class ServerState:
         self._connection = connection
         self._message = message
         self.open_delivery = open_delivery
+        self.ending = ""  #: the transition by which the handler will end the task, if it has chosen
         self._what = numbered(message.name, delivery.task)
         epoch = connection.session.epoch
         self._task = with_epoch(delivery.task, epoch, self._what)
@@ -274,9 +275,12 @@ class ServerState:
             row = cycle.step(self._state, name, Party.SERVER)
             if row is None:
                 raise MisuseError(self._why_impossible(name))
+            if row.target in cycle.successes:
+                self.ending = name
+                return
             if cycle.is_over(row.target) and row.effect is not Effect.STOP:
-                advice = "its handler returns, or raises a failure, instead"
-                raise MisuseError(f"'{name}' ends {self}: {advice}")
+                advice = f"raise Failure({name!r})() instead"
+                raise MisuseError(f"'{name}' ends {self} as '{row.target}': {advice}")
             if row.effect is not Effect.RESULT:
                 self._open = [one for one in self._open if not self._needs_answer(one)]
             self._apply(row, why, body)
@@ -422,12 +426,16 @@ class ReportingTask:
     def take(self, transition: str, why: str = "") -> None:
         """Make a server's transition of the task's own life cycle.
 
+        A transition to an end that counts as done is made when the handler returns. To another end
+        a handler raises a failure with the name of the transition.
+
         Args:
             transition: the transition's name.
-            why: the reason, for people. Default: "".
+            why: the reason, for people; not for a transition to an end. Default: "".
 
         Raises:
-            MisuseError: the transition is not the server's, or not possible in the task's state.
+            MisuseError: the transition is not the server's, or not possible in the task's state; or
+                it leads to an end that counts as cancelled.
 
         Example::
 

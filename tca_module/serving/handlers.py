@@ -134,7 +134,8 @@ class Handler:
                 raise MisuseError(f"handler {self.name} {text}")
             return later
         try:
-            return Reply(task.delivery), self.message.encode_reply(returned)
+            reply = Reply(task.delivery, transition=task.ending)
+            return reply, self.message.encode_reply(returned)
         except BadData as error:
             raise Misfit(f"{error} (handler {self.name})") from None
 

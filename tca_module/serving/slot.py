@@ -11,6 +11,8 @@ from functools import partial
 from typing import Any, NamedTuple
 from weakref import WeakSet
 
+from msgspec.structs import replace
+
 from tca_module.errors import MisuseError, NotSent, Stopped
 from tca_module.link.connection import Connection
 from tca_module.link.opening import CentralAddress, open_connection
@@ -214,7 +216,7 @@ class Slot:
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)
         if isinstance(header, Reply):
-            header = Reply(task.delivery, self._connection.now() - task.began)
+            header = replace(header, took=self._connection.now() - task.began)
         self._connection.reply(header, body)
 
 

@@ -8,7 +8,7 @@ from tca_tools.check.world import JournalWorld
 from tca_wire.errors import BadFormat
 from tca_wire.journal import facts
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_life_cycle
-from tca_wire.vocabulary import Party
+from tca_wire.vocabulary import Outcome, Party
 
 UNKNOWN = -1
 """The serial number of a task whose number of changes depends on facts before the journal."""
@@ -31,8 +31,8 @@ def sent(world: JournalWorld, task: MessageRecord) -> None:
 def ended(world: JournalWorld, task: MessageRecord) -> None:
     """Set the final state of a task."""
     if not task.message_class.is_monitor:
-        cycle = _cycle(world, task)
-        task.state = cycle.cancelled if task.is_killed else cycle.done
+        outcome = Outcome.KILLED if task.is_killed else Outcome.DONE
+        task.state = _cycle(world, task).end(task.state, outcome).target
 
 
 def handler_changed(world: JournalWorld, task: MessageRecord, module: str = "") -> None:

@@ -288,6 +288,7 @@ class History(RecordFold):
             task = self.tasks.get(handling.message_id)
             is_late = task is not None and task.killed is not None and fact.outcome is Outcome.DONE
             handling.outcome = Outcome.KILLED if is_late else fact.outcome
+            handling.transition = fact.transition
             if message := self.messages.get(handling.message_id):
                 self._change(
                     message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body

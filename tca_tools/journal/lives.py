@@ -11,12 +11,13 @@ from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.journal.records import DONE, Task
+from tca_tools.journal.records import DONE, Task, TaskState
 from tca_tools.journal.sequences import active_at
 from tca_tools.journal.whole_run import Run
 from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, read_life_cycle
 from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
 
 _TIME = attrgetter("time")
 
@@ -54,7 +55,7 @@ class Life(NamedTuple):
     asked: bytes
     """The newest requested goal, while the server has not decided on it."""
     is_notable: bool = False
-    """Whether the state is neither initial, running, nor final, so it is worth showing."""
+    """Whether the state is neither initial, running, nor a usual end, so it is worth showing."""
 
 
 def life_at(run: Run, task: Task, instant: float = inf) -> Life:
@@ -75,13 +76,13 @@ def life_at(run: Run, task: Task, instant: float = inf) -> Life:
     is_old = newest is None or any(newest.time < one.start <= instant for one in later)
     is_open = cycle.grant(state) is not None
     asked = (one.body for one in reversed(changes) if is_open and one.effect is Effect.NEW_GOAL)
-    usual = cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled
+    is_usual = state in (cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled)
     return Life(
         state,
         serial,
         b"" if is_old or not newest else newest.body,
         next(asked, b""),
-        state not in usual,
+        not is_usual,
     )
 
 
@@ -126,4 +127,11 @@ def _after(cycle: LifeCycle, task: Task, state: str, step: int, time: float) -> 
         return cycle.accepted.target if state == cycle.initial else state
     if step == _RESTARTS:
         return cycle.initial if task.value_at("killed", time) is None else state
-    return cycle.done if task.state_at(time) in DONE else cycle.cancelled
+    end, chosen = task.state_at(time), task.failure.name
+    if end in DONE:
+        outcome = Outcome.RESOLVED if end is TaskState.RESOLVED else Outcome.DONE
+        chosen = task.handlings[-1].transition if task.handlings else ""
+    else:
+        is_failed = bool(task.failure) and not task.is_dealt_with
+        outcome = Outcome.FAILED if is_failed else Outcome.KILLED
+    return cycle.end(state, outcome, chosen).target

@@ -157,6 +157,8 @@ class Handling(Span):
     is_nested: bool = False
     """Whether it ran in a slot while another handler there waited."""
     priority: int = 0
+    transition: str = ""
+    """The transition by which its handler ended the task; "" for the usual one."""
 
 
 @dataclass(slots=True)

@@ -23,8 +23,8 @@ KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: bool) -> None:
     """Show the life cycle of tasks: as a table, or with -o as a diagram.
 
-    WHAT is "general" (the default of goals and commands), "basic", a Python file that declares life
-    cycles or messages, or the name of a goal or command in LOG.
+    WHAT is "general" (the default of goals and commands), "basic", "one update", "ros goal", a
+    Python file that declares life cycles or messages, or the name of a goal or command in LOG.
     """
     check_output(output, KINDS, force=force)
     found = find_life_cycles(what, log_path)

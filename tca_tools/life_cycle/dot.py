@@ -43,8 +43,9 @@ def _statements(life_cycle: LifeCycle) -> Iterator[str]:
     words = quoted("active", *(f"{one.name} ({TAKEN_BY[one.by]})" for one in within))
     inner = " ".join(_node(ids, state, _FILLS["active"]) for state in life_cycle.active)
     yield f'subgraph cluster_active {{ label={words}; style="rounded"; color="#52606d"; {inner} }}'
-    for state, kind in ((life_cycle.done, "done"), (life_cycle.cancelled, "cancelled")):
-        yield _node(ids, state, _FILLS[kind], ", peripheries=2")
+    for ends, kind in ((life_cycle.successes, "done"), (life_cycle.failures, "cancelled")):
+        for state in ends:
+            yield _node(ids, state, _FILLS[kind], ", peripheries=2")
     drawn_once = set(map(_without_source, common))
     drawn = [one for one in life_cycle.transitions if _without_source(one) not in drawn_once]
     leaving = [one for one in common if one not in within]

@@ -8,19 +8,19 @@ from tca_tools.errors import NotInLog
 from tca_tools.journal.journals import open_log
 from tca_tools.user_file import names_of
 from tca_wire.journal.facts import FormatDefined
-from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
+from tca_wire.life_cycles import BASIC, GENERAL, ONE_UPDATE, ROS_GOAL, LifeCycle, read_life_cycle
 from tca_wire.messages.declarations import TaskMessage
 from tca_wire.text.nearest import did_you_mean
 from tca_wire.text.printable import printable
 
-BUILT_IN = {one.name: one for one in (GENERAL, BASIC)}
+BUILT_IN = {one.name: one for one in (GENERAL, BASIC, ONE_UPDATE, ROS_GOAL)}
 
 
 def find_life_cycles(what: str, log_path: Path | None) -> list[LifeCycle]:
     """Return the life cycles that *what* names, each once.
 
     Args:
-        what: "general", "basic", a Python file, or the name of a goal or command.
+        what: "general" or another built-in one, a Python file, or the name of a goal or command.
         log_path: The journal with the message; None for the newest one.
 
     Raises:

@@ -28,7 +28,11 @@ def life_cycle_lines(life_cycle: LifeCycle, width: int | None = None) -> list[st
 def _kinds(life_cycle: LifeCycle) -> Iterator[str]:
     yield f"  first: {life_cycle.initial}"
     yield f"  active: {', '.join(life_cycle.active)}"
-    yield f"  ends: {life_cycle.done}, {life_cycle.cancelled}"
+    if not life_cycle.has_many_ends:
+        yield f"  ends: {life_cycle.done}, {life_cycle.cancelled}"
+    else:
+        yield f"  ends as done: {', '.join(life_cycle.successes)}"
+        yield f"  ends as cancelled: {', '.join(life_cycle.failures)}"
 
 
 def _rows(life_cycle: LifeCycle) -> Iterator[tuple[str, ...]]:

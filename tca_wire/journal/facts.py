@@ -245,6 +245,8 @@ class Returned(NumberedFact, frozen=True, tag="returned"):
     body: bytes
     ended: float = 0
     """The time of that end, if before this entry: a slot may report several ends together."""
+    transition: str = ""
+    """The transition by which the handler ends its task ("": the usual one)."""
 
 
 class Answered(NumberedFact, frozen=True, tag="answered"):

@@ -139,6 +139,8 @@ class Reply(OfDelivery, frozen=True, tag=5):
 
     If central has refused more, the delivery fails.
     """
+    transition: str = ""
+    """The transition by which the handler ends its task ("": the usual one)."""
 
 
 class Replies(WireArray, frozen=True, tag=30):

@@ -162,6 +162,11 @@ class StateChange(WireArray, frozen=True):
     is_over: bool = False
     outcome: Outcome | None = None
     """The outcome, if *is_over*."""
+    request: int = 0
+    """The number of the client's request that made this change, or that this change answers.
+
+    It is the number in central's Accepted (0: no such request).
+    """
 
 
 class Involved(WireArray, frozen=True):

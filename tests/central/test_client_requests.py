@@ -89,17 +89,6 @@ def test_new_observer_of_descendants_receives_current_states(player: Player) -> 
 
 
 def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:
-    """In this life cycle, a client may send an update before the last one is answered."""
-    eager = LifeCycle(
-        "eager",
-        [
-            *GENERAL.transitions,
-            Transition(
-                "update", "update requested", "update requested", Party.CLIENT, Effect.NEW_GOAL
-            ),
-        ],
-    )
-    player.life_cycles["grasp"] = eager.text
     player.module("arm", "command grasp", takes=["update"])
     player.declare("user", "command grasp")
     task = player.task("user", "grasp")

@@ -97,7 +97,15 @@ from tca_central.needs.waits import Ends, next_of, waits_of
 from tca_central.order.holds import held_counts
 from tca_central.status.load import load
 from tca_wire.constraints import Flags
-from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, Transition, ending
+from tca_wire.life_cycles import (
+    BASIC,
+    GENERAL,
+    ONE_UPDATE,
+    ROS_GOAL,
+    LifeCycle,
+    Transition,
+    ending,
+)
 from tca_wire.packets import changes, headers, routes
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.points import ROOT, TaskId, describe_moments
@@ -113,7 +121,20 @@ PAUSABLE = LifeCycle(
         *ending("paused"),
     ],
 )
-LIFE_CYCLES = {one.name: one for one in (BASIC, PAUSABLE)}
+SKIPPABLE = LifeCycle(
+    "skippable",
+    [
+        *PAUSABLE.transitions[:-2],  # a paused task can't end
+        Transition("hide", "running", "hidden"),
+        Transition("show", "hidden", "running"),
+        Transition("skip", "running", "skipped"),
+        Transition("lose", "running", "lost"),
+        Transition("module lost", "running", "lost"),
+    ],
+    done=["done", "skipped"],
+    cancelled=["cancelled", "lost"],
+)
+LIFE_CYCLES = {one.name: one for one in (BASIC, PAUSABLE, SKIPPABLE, ONE_UPDATE, ROS_GOAL)}
 HEADERS: dict[str, Any] = {
     kind.__name__: kind
     for module in (headers, changes, routes)
@@ -510,7 +531,7 @@ NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = (
     r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
     r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?(?P<direct> direct)?"
-    r"(?: life cycle (?P<life_cycle>\w+))?"
+    r"(?: life cycle (?P<life_cycle>[\w ]+))?"
 )
 TAKEN = r"(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?(?: because (?P<text>.*))?"
 KILLED = r"(?: in (?P<delay>[\d.]+))?(?: after (?P<after>[a-z ]+\d+))?(?: because (?P<why>.*))?"

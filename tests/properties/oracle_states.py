@@ -91,13 +91,14 @@ class Reference:
             assert isinstance(asked.answer, headers.Refused), (asked, task.changes)
             assert asked.answer.refusal is expected, (asked, task.changes)
             return
-        before = len(task.changes)
+        before, own = len(task.changes), task.serial + 1  # a client's own transition
         if asked.by is Party.SERVER:
             self.by_server(task, asked)
         elif (row := task.row(task.state, asked.name, Party.CLIENT)) is not None:
             self.by_client(task, row, asked)
         is_taken = len(task.changes) > before or asked.task in self.killed_by_wish
-        assert asked.answer.id == (task.serial if is_taken else 0), (asked, task.changes)
+        number = own if asked.by is Party.CLIENT else task.serial
+        assert asked.answer.id == (number if is_taken else 0), (asked, task.changes)
 
     @staticmethod
     def is_ignored(asked: AskedChange) -> bool:

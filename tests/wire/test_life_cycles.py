@@ -14,6 +14,8 @@ from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import (
     BASIC,
     GENERAL,
+    ONE_UPDATE,
+    ROS_GOAL,
     Effect,
     LifeCycle,
     Transition,
@@ -53,6 +55,17 @@ FIGURE_10: set[Row] = {
 MORE_THAN_THE_FIGURE: set[Row] = {
     ("initiated", "cancel", "cancel requested", CLIENT),
     ("update requested", "cancel", "cancel requested", CLIENT),
+    ("update requested", "update", "update requested", CLIENT),
+}
+RCL_GOAL: set[Row] = {  # rcl_action, goal_state_machine.c
+    ("accepted", "execute", "executing", SERVER),
+    ("accepted", "cancel_goal", "canceling", CLIENT),
+    ("executing", "cancel_goal", "canceling", CLIENT),
+    ("executing", "succeed", "succeeded", SERVER),
+    ("executing", "abort", "aborted", SERVER),
+    ("canceling", "succeed", "succeeded", SERVER),
+    ("canceling", "abort", "aborted", SERVER),
+    ("canceling", "canceled", "canceled", SERVER),
 }
 
 
@@ -63,6 +76,10 @@ def rows(life_cycle: LifeCycle) -> list[Row]:
 def test_built_in_life_cycles_match_the_published_figures() -> None:
     assert sorted(rows(BASIC)) == sorted(FIGURE_2)
     assert sorted(rows(GENERAL)) == sorted(FIGURE_10 | MORE_THAN_THE_FIGURE)
+    assert set(GENERAL.transitions) - set(ONE_UPDATE.transitions) == {
+        GENERAL.steps["update requested", "update"]
+    }
+    assert sorted(rows(ROS_GOAL)) == sorted(RCL_GOAL)
     assert BASIC.active == ("running",)
     assert set(GENERAL.active) == set(ACTIVE)
     for one in (BASIC, GENERAL):
@@ -70,7 +87,7 @@ def test_built_in_life_cycles_match_the_published_figures() -> None:
         assert [state for state in one.states if one.is_over(state)] == ["done", "cancelled"]
 
 
-@pytest.mark.parametrize("life_cycle", [BASIC, GENERAL], ids=str)
+@pytest.mark.parametrize("life_cycle", [BASIC, GENERAL, ROS_GOAL], ids=str)
 def test_each_party_takes_only_its_own_transitions(life_cycle: LifeCycle) -> None:
     table = {(source, name): (target, by) for source, name, target, by in rows(life_cycle)}
     names = {name for _, name, _, _ in rows(life_cycle)}
@@ -86,6 +103,7 @@ def test_effects_belong_to_the_expected_transitions() -> None:
     with_effect = {(one.source, one.name): one.effect for one in GENERAL.transitions if one.effect}
     assert with_effect == {
         ("running", "update"): Effect.NEW_GOAL,
+        ("update requested", "update"): Effect.NEW_GOAL,
         ("update requested", "accept"): Effect.TAKE_GOAL,
         ("update requested", "reject"): Effect.REFUSE,
         ("cancel requested", "cancel failed"): Effect.REFUSE,
@@ -113,16 +131,50 @@ def test_grant_and_refusal_of_a_client_request_are_found() -> None:
     )
 
 
-def test_ending_transition_has_the_name_in_the_table() -> None:
-    own = LifeCycle("own", [*BEGIN, Transition("over", "running", "done")])
-    assert GENERAL.ending("running", "done", Outcome.DONE) == "completed"
-    assert GENERAL.ending("running", "cancelled", Outcome.FAILED) == "failed"
-    assert GENERAL.ending("running", "cancelled", Outcome.KILLED) == "killed"
-    assert GENERAL.ending("initiated", "done", Outcome.DONE) == "already done"
-    assert GENERAL.ending("initiated", "cancelled", Outcome.FAILED) == "rejected"
-    assert GENERAL.ending("cancel requested", "cancelled", Outcome.KILLED) == "aborted"
-    assert GENERAL.ending("cancel requested", "cancelled", Outcome.FAILED) == "failed"
-    assert own.ending("running", "cancelled", Outcome.FAILED) == "failed"
+DONE, FAILED, KILLED = Outcome.DONE, Outcome.FAILED, Outcome.KILLED
+LOST = LifeCycle(
+    "lost",
+    [
+        *RUN,
+        Transition("skip", "running", "skipped"),
+        Transition("hide", "running", "hidden", CLIENT),
+        Transition("show", "hidden", "running"),
+        Transition("module lost", "running", "lost"),
+    ],
+    done=["done", "skipped"],
+    cancelled=["cancelled", "lost"],
+)
+
+
+@pytest.mark.parametrize(
+    ("cycle", "state", "outcome", "name", "way"),
+    [
+        (GENERAL, "running", DONE, "", "completed to done by server"),
+        (GENERAL, "running", FAILED, "", "failed to cancelled by server"),
+        (GENERAL, "running", KILLED, "", "killed to cancelled by central"),
+        (GENERAL, "initiated", DONE, "", "already done to done by server"),
+        (GENERAL, "initiated", FAILED, "", "rejected to cancelled by server"),
+        (GENERAL, "cancel requested", KILLED, "", "aborted to cancelled by server"),
+        (GENERAL, "cancel requested", FAILED, "", "failed to cancelled by server"),
+        (LOST, "running", DONE, "skip", "skip to skipped by server"),
+        (LOST, "running", DONE, "", "completed to done by server"),
+        (LOST, "hidden", DONE, "skip", "skip to skipped by server"),
+        (LOST, "running", FAILED, "module lost", "module lost to lost by server"),
+        (LOST, "running", FAILED, "timeout", "failed to cancelled by server"),
+        (LOST, "hidden", FAILED, "module lost", "failed to cancelled by central"),
+        (LOST, "running", KILLED, "", "killed to cancelled by central"),
+        (ROS_GOAL, "executing", FAILED, "abort", "abort to aborted by server"),
+        (ROS_GOAL, "accepted", FAILED, "rejected", "failed to aborted by central"),
+        (ROS_GOAL, "canceling", KILLED, "", "canceled to canceled by server"),
+        (ROS_GOAL, "executing", KILLED, "", "killed to canceled by central"),
+        (ROS_GOAL, "canceling", DONE, "", "succeed to succeeded by server"),
+    ],
+)
+def test_end_follows_from_state_and_outcome(
+    cycle: LifeCycle, state: str, outcome: Outcome, name: str, way: str
+) -> None:
+    end = cycle.end(state, outcome, name)
+    assert f"{end.name} to {end.target} by {end.by}" == way
 
 
 PAUSE = [
@@ -147,12 +199,14 @@ def test_initial_done_and_cancelled_states_must_differ() -> None:
         {"done": "initiated"},
         {"initial": "cancelled"},
     ):
-        with pytest.raises(
-            BadFormat, match="its initial state and its two final states must differ"
-        ):
+        with pytest.raises(BadFormat, match="its initial state and its final states must differ"):
             LifeCycle("odd", RUN, **same)
     with pytest.raises(BadFormat, match="not a name"):
         LifeCycle("", RUN)
+    with pytest.raises(BadFormat, match="at least one state as done="):
+        LifeCycle("odd", RUN, done=())
+    with pytest.raises(BadFormat, match="'skipped' can't be reached"):
+        LifeCycle("odd", RUN, done=("done", "skipped"))
 
 
 def test_initial_and_final_states_can_be_renamed() -> None:
@@ -178,6 +232,7 @@ def test_life_cycle_survives_its_declaration() -> None:
     assert Command("grasp").format.life_cycle == ""  # as in older journals and packets
     assert read_life_cycle("") is GENERAL
     assert read_life_cycle(GENERAL.text) == GENERAL
+    assert read_life_cycle(Command("dig", life_cycle=LOST).format.life_cycle) == LOST
     others = [
         BASIC,
         pausable,

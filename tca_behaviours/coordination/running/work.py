@@ -74,7 +74,7 @@ class ActivityTask:
             return
         self.is_over, self.progress = True, 1.0
         self.failure = failures.pop(self.sent.id)
-        if change.state != self.do.message.life_cycle.done:
+        if change.state not in self.do.message.life_cycle.successes:
             self.killed = change.text or "its end was not seen"
 
     def update(self, data: Any) -> None:

@@ -280,9 +280,9 @@ class Exchange:
     def _return(self, line: ModuleLine, actor: Actor, step: steps.Return) -> None:
         self._finish_script(line)
         if actor.delivery:
-            self._reply(line, actor, step.body)
+            self._reply(line, actor, step.body, step.transition)
 
-    def _reply(self, line: ModuleLine, actor: Actor, body: bytes) -> None:
+    def _reply(self, line: ModuleLine, actor: Actor, body: bytes, transition: str = "") -> None:
         """Send the reply of a handler that has returned, as a slot of tca_module does.
 
         A handler that knew of the end of its module may have done only half of its work, so it
@@ -292,7 +292,8 @@ class Exchange:
             failure = headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran")
             self.receive(line.name, failure)
         else:
-            self.receive(line.name, headers.Reply(actor.delivery), body)
+            reply = headers.Reply(actor.delivery, transition=transition)
+            self.receive(line.name, reply, body)
 
     def _fail(self, line: ModuleLine, actor: Actor, step: steps.Fail) -> None:
         self._finish_script(line)

@@ -263,7 +263,8 @@ class Program:
             result.handler_returned()
             script._explored.returned_reply = ref(result)  # noqa: SLF001
             return None
-        return steps.Return(self.message.encode_reply(result) if self.message else b"")
+        body = self.message.encode_reply(result) if self.message else b""
+        return steps.Return(body, script.ending if isinstance(script, Task) else "")
 
     def _place_of_error(self, error: BaseException | None) -> str:
         """Return the place in the script at which an error was raised."""
@@ -281,7 +282,7 @@ class Program:
 def _end_step(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | steps.Fail:
     """Return the end of a handler as a step."""
     if isinstance(header, headers.Reply):
-        return steps.Return(body)
+        return steps.Return(body, header.transition)
     return steps.Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)
 
 

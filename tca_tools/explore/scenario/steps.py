@@ -91,6 +91,8 @@ class Return(_Step, frozen=True):
     """End the script; *body* is the reply or result of a handler."""
 
     body: bytes
+    transition: str = ""
+    """The transition by which a handler ends its task ("": the usual one)."""
 
 
 class Fail(_Step, frozen=True):
