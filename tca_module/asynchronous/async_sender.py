@@ -42,19 +42,23 @@ def _sent(
 ) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, AsyncSentTask[R]]]:
     """Return a method that sends a task, as a coroutine method that awaits its acceptance."""
 
+    def undo(sent: SentTask[Any]) -> None:
+        sent.kill("its sender was cancelled")
+
     async def send(sender: Sender, *args: Any, **options: Any) -> SentTask[Any]:
         sent: SentTask[Any] = method(sender, *args, **options)
         if isinstance(sent._task_id, SentId):
             request, connection = sent._task_id.request, sent._connection()
             try:
                 await settle(connection, request, None, request.what)
+            except asyncio.CancelledError:
+                if request.accepted is not None:  # too late to give up the request
+                    undo(sent)
+                raise
             finally:
                 connection.session.sends.discard(request)
         sent.id  # noqa: B018 - raises the error of the send
         return sent
-
-    def undo(sent: SentTask[Any]) -> None:
-        sent.kill("its sender was cancelled")
 
     call: Callable[..., Any] = forwarded(method, send, undo, AsyncSentTask)
     return call
@@ -223,6 +227,7 @@ async def _claim(
     except TimeoutError:
         text = f"resource '{resource}' was not granted within {timeout:g} s"
         raise Timeout(f"{text}: another asyncio task of this client has it") from None
+    claim = None
     try:
         left = None if until is None else max(0.0, until - now())
         claim = sender._request_claim(
@@ -232,8 +237,10 @@ async def _claim(
         within = None if left is None else left + ACKNOWLEDGED_WITHIN
         await settle(claim._connection, claim._request, within, repr(claim))
         claim.wait(timeout if claim._request.is_over else 0.0)
-    except BaseException:
+    except BaseException as error:
         turn.release()
+        if claim is not None and claim._request.answers:  # too late to give up the request
+            claim.__exit__(None, error, None)
         raise
     return claim
 

@@ -33,9 +33,19 @@ class Remote:
         there.call_soon_threadsafe(self._start, coroutine)
 
     def cancel(self) -> None:
-        """Cancel the coroutine. Does nothing if it has ended."""
+        """Cancel the coroutine, or undo its result if that has arrived already."""
+        self._post(self._cancel)
+
+    def _cancel(self) -> None:
+        assert self._task is not None
+        if not self._task.done():
+            self._task.cancel()
+        elif self.result.done() and not self.result.cancelled():
+            self._undo_result(self._task)
+
+    def _post(self, function: Callable[..., object], *arguments: Any) -> None:
         with suppress(RuntimeError):  # its loop is closed
-            self._there.call_soon_threadsafe(lambda: self._task and self._task.cancel())
+            self._there.call_soon_threadsafe(function, *arguments)
 
     def _start(self, coroutine: Coroutine[Any, Any, Any]) -> None:
         self._task = self._there.create_task(coroutine)
@@ -51,8 +61,7 @@ class Remote:
         """Pass the end of the coroutine on to the caller."""
         self.was_cancelled = task.cancelled()
         if self.result.done():
-            with suppress(RuntimeError):
-                self._there.call_soon_threadsafe(self._undo_result, task)
+            self._post(self._undo_result, task)
         elif task.cancelled():
             self.result.cancel()
         elif (error := task.exception()) is not None:
