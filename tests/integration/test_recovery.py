@@ -150,7 +150,7 @@ def test_async_awaits_continue_through_central_restart(robot: Robot) -> None:
             await asyncio.to_thread(until, lambda: robot.starts()[-1] == 1, "the step has begun")
             robot.kill()
             asking = asyncio.create_task(user.query(WHERE))
-            Path(f"{robot.notebook}.go").touch()
+            await asyncio.to_thread(Path(f"{robot.notebook}.go").touch)
             await asyncio.to_thread(robot.restart)
             async with asyncio.timeout(20):
                 return [await waiting, await asking]
