@@ -7,7 +7,14 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppres
 from typing import Any, Concatenate, ParamSpec
 
 from tca_module.asynchronous.async_tasks import AsyncSentTask, AsyncTaskRef, streamed
-from tca_module.asynchronous.forwarding import Forwarding, RunThere, forwarded, settle
+from tca_module.asynchronous.forwarding import (
+    Forwarding,
+    RunThere,
+    WaitingIn,
+    forward,
+    forwarded,
+    settle,
+)
 from tca_module.errors import Refused, TcaError, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
 from tca_module.sending.central_services import HANDLERS_WAIT
@@ -60,8 +67,7 @@ def _sent(
         sent.id  # noqa: B018 - raises the error of the send
         return sent
 
-    call: Callable[..., Any] = forwarded(method, send, undo, AsyncSentTask)
-    return call
+    return forward(method, send, undo, AsyncSentTask)
 
 
 def _found(
@@ -72,8 +78,7 @@ def _found(
     def convert(run: RunThere, found: list[TaskRef]) -> list[AsyncTaskRef]:
         return [AsyncTaskRef(run, task) for task in found]
 
-    call: Callable[..., Any] = forwarded(method, convert=convert)
-    return call
+    return forward(method, convert=convert)
 
 
 async def _query(
@@ -137,10 +142,10 @@ class AsyncSender(Forwarding):
 
     goal = _sent(Sender.goal)
     command = _sent(Sender.command)
-    query = forwarded(Sender.query, _query)
-    multi_query = forwarded(Sender.multi_query, _multi_query)
-    inform = forwarded(Sender.inform, _statement(Inform))
-    broadcast = forwarded(Sender.broadcast, _statement(Broadcast))
+    query = WaitingIn(_query)(Sender.query)
+    multi_query = WaitingIn(_multi_query)(Sender.multi_query)
+    inform = WaitingIn(_statement(Inform))(Sender.inform)
+    broadcast = WaitingIn(_statement(Broadcast))(Sender.broadcast)
     constrain = forwarded(Sender.constrain)
 
     get_variable = forwarded(Sender.get_variable)
@@ -150,7 +155,7 @@ class AsyncSender(Forwarding):
     modules = forwarded(Sender.modules)
     messages = forwarded(Sender.messages)
     declared = forwarded(Sender.declared)
-    wait_until_handled = forwarded(Sender.wait_until_handled, _until_handled)
+    wait_until_handled = WaitingIn(_until_handled)(Sender.wait_until_handled)
     cancel_all = forwarded(Sender.cancel_all)
     tasks = _found(Sender.tasks)
     observe = streamed(Sender.observe)

@@ -5,7 +5,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
-from tca_module.asynchronous.forwarding import Forwarding, RunThere, forwarded, settle
+from tca_module.asynchronous.forwarding import Forwarding, RunThere, WaitingIn, forwarded, settle
 from tca_module.errors import Timeout
 from tca_module.following.stream import Stream
 from tca_module.sending.task_points import TaskInterval
@@ -164,12 +164,12 @@ class AsyncTaskRef(Forwarding):
         """The interval in which the task and everything under it are done."""
         return self._blocking.achieving
 
-    wait = forwarded(TaskRef.wait, _wait)
-    wait_for = forwarded(TaskRef.wait_for, _wait_for)
+    wait = WaitingIn(_wait)(TaskRef.wait)
+    wait_for = WaitingIn(_wait_for)(TaskRef.wait_for)
     state = forwarded(_state)
     changes = streamed(TaskRef.changes)
     progress = streamed(TaskRef.progress)
-    update = forwarded(TaskRef.update, _update)
+    update = WaitingIn(_update)(TaskRef.update)
     cancel = forwarded(TaskRef.cancel)
     kill = forwarded(TaskRef.kill)
     suspend = forwarded(TaskRef.suspend)

@@ -14,8 +14,6 @@ from tca_module.session.request import Request
 P = ParamSpec("P")
 T = TypeVar("T")
 B = TypeVar("B")
-Method = Callable[Concatenate[Any, P], T]
-AsyncMethod = Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]
 
 
 class RunThere(Protocol):
@@ -61,13 +59,13 @@ class Forwarding:
         return result
 
 
-def forwarded(
-    method: Callable[Concatenate[Any, P], T],
+def forward(
+    method: Callable[..., Any],
     waiting: Callable[..., Coroutine[Any, Any, Any]] | None = None,
     undo: Undo | None = None,
     convert: Callable[[RunThere, Any], Any] = lambda _, result: result,
-) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
-    """Return a method as a coroutine method.
+) -> Callable[..., Any]:
+    """Return a method as a coroutine method, without its type.
 
     Args:
         method: the method of the blocking object. It should not wait for other modules.
@@ -87,6 +85,29 @@ def forwarded(
         return convert(self._run, await self._run(work(), undo))
 
     return call
+
+
+def forwarded(
+    method: Callable[Concatenate[Any, P], T],
+) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
+    """Return a method, which should not wait for other modules, as a coroutine method."""
+    return forward(method)
+
+
+class WaitingIn:
+    """Returns a method as a coroutine method whose work *waiting* does, see ``forward``.
+
+    The method is the only argument of its call, because mypy then keeps all its overloads.
+    """
+
+    def __init__(self, waiting: Callable[..., Coroutine[Any, Any, Any]]) -> None:
+        self._waiting = waiting
+
+    def __call__(
+        self, method: Callable[Concatenate[Any, P], T]
+    ) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
+        """Return the coroutine method."""
+        return forward(method, self._waiting)
 
 
 async def settle(
