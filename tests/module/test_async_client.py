@@ -294,7 +294,7 @@ def test_step_that_is_cancelled_loses_no_element(robot: Robot) -> None:
                     async with asyncio.timeout(0.01):
                         await anext(steps)
             await user.call(lambda client: client.unlock("arm"))
-            seen = []
+            seen = list[int]()
             while len(seen) < 50:
                 try:
                     async with asyncio.timeout(0.0):
@@ -366,7 +366,7 @@ def test_two_loops_in_two_threads_share_one_client(robot: Robot) -> None:
                 return list(await asyncio.gather(*(user.query(NEXT, one) for one in range(20))))
 
             there = asyncio.to_thread(lambda: asyncio.run(ask()))
-            assert await asyncio.gather(ask(), there) == [list(range(1, 21))] * 2
+            assert list(await asyncio.gather(ask(), there)) == [list(range(1, 21))] * 2
 
     asyncio.run(main())
 

@@ -197,4 +197,4 @@ def test_loop_handlers_need_a_loop(planner: Module) -> None:
 
 def test_plain_function_is_refused_as_a_loop_handler(planner: Module) -> None:
     with pytest.raises(MisuseError, match="handles"):
-        planner.handles_on_loop(REST)(lambda _: None)  # type: ignore[arg-type, misc]
+        planner.handles_on_loop(REST)(lambda _: None)  # type: ignore[arg-type, return-value]
