@@ -345,7 +345,7 @@ def test_error_of_the_block_is_raised_unchanged(robot: Robot) -> None:
         asyncio.run(main())
 
 
-def test_opening_without_central_raises_and_leaves_no_thread(tmp_path: Path) -> None:
+def test_opening_without_central_leaves_no_thread(tmp_path: Path) -> None:
     async def main() -> None:
         with pytest.raises(CentralLost, match="tca central"):
             await aconnect("user", f"ipc://{tmp_path}/none.sock", 0.05).open()

@@ -54,9 +54,7 @@ def planner(central: RealCentral, legs: Module) -> Module:
     return Module("planner", central.address)
 
 
-def test_handler_runs_on_the_users_loop_and_awaits_its_own_client(
-    planner: Module, central: RealCentral
-) -> None:
+def test_handler_on_users_loop_awaits_its_own_client(planner: Module, central: RealCentral) -> None:
     seen: list[object] = []
     own = aconnect("own", central.address)
 

@@ -61,7 +61,7 @@ def test_twenty_threads_share_one_client(central: RealCentral) -> None:
 
 
 @pytest.mark.usefixtures("robot")
-def test_connection_of_ended_thread_closes_at_the_next_opening(central: RealCentral) -> None:
+def test_connection_of_ended_thread_closes_at_next_opening(central: RealCentral) -> None:
     with connect("user", central.address, threads=True) as user:
         for number in range(5):
             with ThreadPoolExecutor(1) as pool:
