@@ -15,6 +15,10 @@ Example::
         print(user.command(MOVE, 0.5).result(timeout=5))
 """
 
+from tca_module.asynchronous.async_client import AsyncClient, aconnect
+from tca_module.asynchronous.async_sender import AsyncClaim, AsyncSender
+from tca_module.asynchronous.async_tasks import AsyncSentTask, AsyncStream, AsyncTaskRef
+from tca_module.asynchronous.loop_handlers import AsyncTask
 from tca_module.client import Client, connect
 from tca_module.errors import (
     BadData,
@@ -126,6 +130,13 @@ __all__ = [
     "TIMEOUT",
     "UNCERTAIN",
     "Arrival",
+    "AsyncClaim",
+    "AsyncClient",
+    "AsyncSender",
+    "AsyncSentTask",
+    "AsyncStream",
+    "AsyncTask",
+    "AsyncTaskRef",
     "AttachmentRef",
     "BadData",
     "BadFormat",
@@ -205,6 +216,7 @@ __all__ = [
     "Trouble",
     "Variable",
     "VariableNotSet",
+    "aconnect",
     "connect",
     "ending",
     "this",

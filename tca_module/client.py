@@ -1,11 +1,14 @@
 """Client: the connection of a script, which sends messages and handles none."""
+# ruff: noqa: SLF001 - clients of several threads close each other
 
 import atexit
 import logging
 import os
 import sys
 import threading
+from contextlib import ExitStack
 from functools import cache
+from itertools import count
 from typing import Any, Self, get_args
 
 import msgspec
@@ -16,17 +19,21 @@ from tca_module.errors import CentralLost, MisuseError, NotSent, Refused
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
-from tca_module.sending.central_services import Topic
+from tca_module.sending.central_services import SentTasks, Topic
 from tca_module.sending.sender import Sender
+from tca_module.sending.sibling_order import SiblingOrder
+from tca_module.session.lasting_attachments import LastingAttachments
+from tca_wire.packets.headers import Hello
 
+CONNECT_THREADS = "share it with connect(..., threads=True), or connect() in each thread"
 _TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
 
 
 class Client(Sender):
     """A connection of a program that handles no messages. It sends under the root.
 
-    ``connect()`` returns a Client. A Client belongs to the thread that opened it; other threads
-    ``connect()`` themselves. Use the Client in a ``with`` block, or call ``close()``.
+    ``connect()`` returns a Client. A Client belongs to the thread that opened it, except with
+    ``connect(threads=True)``. Use the Client in a ``with`` block, or call ``close()``.
     """
 
     def __init__(self, connection: Connection, linger: float = LINGER) -> None:
@@ -122,6 +129,19 @@ class Client(Sender):
                 number, f"{link.count_messages(number)} may not have reached {where}: {why}"
             )
 
+    def _close_from_outside(self) -> None:
+        """Close the client of another thread, unless that thread waits with it."""
+        if (link := self._link) is None:
+            return
+        if not link.acquire(self._linger):
+            text = f"thread '{self._thread.name}' still waits, and keeps its connection"
+            link.log.warning("%s is closed, but %s until it has ended", self, text)
+            return
+        try:
+            self.close()
+        finally:
+            link.unlock()
+
     def _open_link(self) -> Connection:
         if self._link is None:
             advice = "use it inside its 'with' block, or connect() again"
@@ -130,8 +150,72 @@ class Client(Sender):
 
     def _connection(self) -> Connection:
         link = self._open_link()
-        link.check_thread(self, "opened it", "other threads connect() themselves")
+        link.check_thread(self, "opened it", CONNECT_THREADS)
         return link
+
+
+class _SharedClient(Client):
+    """A client that any thread may use: each thread has a connection of its own.
+
+    To central, all these connections are one module. The connection of a thread that has ended is
+    closed when another thread opens one, and by ``close()``.
+    """
+
+    def __init__(self, connection: Connection, linger: float) -> None:
+        super().__init__(connection, linger)
+        self.central: CentralAddress = None
+        self._lock = threading.Lock()
+        self._numbers = count(1)  #: the numbers of the connections of other threads
+        self._others: set[Client] = set()  #: the clients of other threads
+        self._of_thread = threading.local()
+
+    def _own(self) -> Client | None:
+        """Return the client of the calling thread; None in the thread that opened this one."""
+        link = self._open_link()
+        link.check_process()
+        if link.is_own_thread:
+            return None
+        own: Client | None = getattr(self._of_thread, "client", None)
+        if own is None:
+            session = link.session
+            greeting = hello(self.name, next(self._numbers), incarnation=session.incarnation)
+            patience = link.wait_loop.patience
+            own = self._of_thread.client = _open(
+                Client, self.central, greeting, patience, self._linger, session.attachments
+            )
+            with self._lock:
+                self._others = {one for one in self._others if one._link is not None} | {own}
+        return own
+
+    def _connection(self) -> Connection:
+        own = self._own()
+        return super()._connection() if own is None else own._connection()
+
+    @property
+    def _ordering(self) -> SiblingOrder:
+        own = self._own()
+        return super()._ordering if own is None else own._ordering
+
+    @property
+    def _sent(self) -> SentTasks:
+        own = self._own()
+        return super()._sent if own is None else own._sent
+
+    @property
+    def _is_abandoned(self) -> bool:
+        """Always False: the other threads may still use it."""
+        return False
+
+    def close(self) -> None:
+        """Close the connections of all threads, see ``Client.close``.
+
+        A thread that waits at this time keeps its connection until it has ended.
+        """
+        with ExitStack() as stack:
+            stack.callback(super().close)
+            if self._link is not None and not self._link.is_inherited:
+                for other in self._others:
+                    stack.callback(other._close_from_outside)
 
 
 def connect(
@@ -140,6 +224,7 @@ def connect(
     patience: float = PATIENCE / 2,
     *,
     linger: float = LINGER,
+    threads: bool = False,
 ) -> Client:
     """Connect to central from a program that is no module.
 
@@ -154,6 +239,9 @@ def connect(
             which a later wait raises CentralLost. Default: 5.
         linger: the most seconds that the end of the block waits for sent messages to arrive.
             Default: 10.
+        threads: any thread may use the client. Each thread opens a connection of its own at its
+            first call, and the client's tasks belong to the thread that sent or found them.
+            Default: False.
 
     Returns:
         The Client.
@@ -171,8 +259,25 @@ def connect(
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
+    check("connect()", checks.FLAG, threads=threads)
+    client = _open(_SharedClient if threads else Client, central, hello(name), patience, linger)
+    if isinstance(client, _SharedClient):
+        client.central = central
+    return client
+
+
+def _open(
+    kind: type[Client],
+    central: CentralAddress,
+    greeting: Hello,
+    patience: float,
+    linger: float,
+    attachments: LastingAttachments | None = None,
+) -> Client:
+    """Open a client of a kind, which is closed at the end of the program at the latest."""
     try:
-        client = Client(open_connection(central, hello(name), patience), linger)
+        connection = open_connection(central, greeting, patience, attachments=attachments)
+        client = kind(connection, linger)
     except CentralLost as error:
         # Without its cause: a script that does not catch the error prints a short traceback.
         raise CentralLost(str(error)) from None
@@ -188,7 +293,7 @@ _open_clients: set[Client] = set()
 
 def _close_abandoned() -> None:
     """Close the clients whose threads have ended, so that they do not accumulate."""
-    for client in [one for one in list(_open_clients) if one._is_abandoned]:  # noqa: SLF001
+    for client in [one for one in list(_open_clients) if one._is_abandoned]:
         try:
             client.close()
         except (CentralLost, Refused) as lost:
@@ -200,7 +305,7 @@ def _close_all() -> str:
     lost = []
     while _open_clients:
         try:
-            _open_clients.pop()._close_at_exit()  # noqa: SLF001
+            _open_clients.pop()._close_at_exit()
         except (CentralLost, Refused) as error:
             lost.append(str(error))
     return "\n".join(lost)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
+from tca_module.asynchronous.loop_module import LoopModule
 from tca_module.checks import check, check_class, check_decorator, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, Connection
@@ -29,7 +30,6 @@ from tca_module.serving.handler_options import (
     checked_format,
 )
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
-from tca_module.serving.module_callbacks import ModuleCallbacks
 from tca_module.serving.server import Server, ServerHandler, server_transitions
 from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
@@ -44,7 +44,7 @@ _SIGNALS_PERIOD = 5.0
 Start = TypeVar("Start", bound=Callable[["Module"], object])
 
 
-class Module(ModuleCallbacks):
+class Module(LoopModule):
     """A named program that handles messages. While it runs, it is also a Sender.
 
     Declare resources, handlers and callbacks first. Then call ``run()`` or enter ``running()``. A
@@ -335,6 +335,7 @@ class Module(ModuleCallbacks):
             state = "is ending" if self._stop.is_set() else "runs already"
             advice = "leave its 'with module.running():' block before you start it again"
             raise MisuseError(f"module '{self.name}' {state}: {advice}")
+        self._check_loop()
         self._stop.clear()
         try:
             self._start(patience, linger, reconnect=reconnect)
@@ -473,7 +474,7 @@ class Module(ModuleCallbacks):
             errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:
             errors.insert(0, self._keep_alive.error)
-        self._link, self._keep_alive = None, None
+        self._link, self._keep_alive, self._user_loop.loop = None, None, None
         return errors
 
     def _connection(self) -> Connection:

@@ -208,11 +208,16 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "following": {"checks", "errors", "link", "log", "session"},
         "sending": {"checks", "errors", "following", "link", "log", "session"},
         "serving": {"checks", "errors", "following", "link", "log", "sending", "session", "sockets"},
-        "client": {"checks", "errors", "link", "log", "sending"},
-        "module": {"checks", "errors", "link", "log", "sending", "serving", "session"},
+        "client": {"checks", "errors", "link", "log", "sending", "session"},
+        "asynchronous": {
+            "checks", "client", "errors", "following", "link", "sending", "serving", "session",
+        },
+        "module": {
+            "asynchronous", "checks", "errors", "link", "log", "sending", "serving", "session",
+        },
         "rig": {"checks", "errors", "link", "module", "sending", "serving"},
         "testing": {"checks", "errors", "module", "rig", "sockets"},
-        "__init__": {"client", "errors", "following", "module", "sending", "serving"},
+        "__init__": {"asynchronous", "client", "errors", "following", "module", "sending", "serving"},
     },
     "tca_behaviours": {
         "statecharts": set(),

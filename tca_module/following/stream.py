@@ -82,10 +82,17 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         raise Timeout(f"{self._what} did not come within {timeout:g} s", can_wait=True)
 
     async def __anext__(self) -> T:
-        if self._is_closed or not await awaited(
-            self._observation.wait_in_coroutine(self._has_unread)
-        ):
+        if not await self._has_next():
             raise StopAsyncIteration
+        return self._pop()
+
+    async def _has_next(self) -> bool:
+        """Await the next element; return False if the stream has ended."""
+        return not self._is_closed and await awaited(
+            self._observation.wait_in_coroutine(self._has_unread)
+        )
+
+    def _pop(self) -> T:
         return self._convert(self._unread.pop())
 
     def _has_unread(self) -> bool:

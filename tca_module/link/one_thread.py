@@ -11,7 +11,8 @@ from tca_module.session.session import Session
 
 _NO_THREAD = 0
 SEND_WITH_YOUR_OWN = (
-    "a handler sends with its task, other threads with a client of their own: connect()"
+    "a handler sends with its task, other threads with a client of their own: connect(), or one"
+    " that they share: connect(..., threads=True)"
 )
 
 
@@ -63,6 +64,14 @@ class ThreadBound:
         self.check_thread()
         lock: AbstractContextManager[object] = self._lock
         return lock
+
+    def acquire(self, within: float) -> bool:
+        """Lock the connection in any thread; return False if its thread waits all that time."""
+        return bool(self._lock.acquire(timeout=within))
+
+    def unlock(self) -> None:
+        """End ``acquire``."""
+        self._lock.release()
 
     def mark_inherited(self) -> None:
         """Mark this connection as inherited by a forked process.

@@ -1,7 +1,7 @@
 """The requests of a Sender to central itself: variables, locks and the directory."""
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import Any, Literal, TypeVar, overload
 
@@ -14,6 +14,7 @@ from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo
 from tca_module.sending.sibling_order import SiblingOrder
+from tca_module.session.request import Request
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import (
@@ -35,7 +36,11 @@ Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "a
 
 _NO_DEFAULT: Any = object()
 _DECLARED_WITHIN = 0.2  # seconds that a declaration may take, even if the caller's timeout is less
+HANDLERS_WAIT = "the wait for handlers"  # in errors
 _WHY_WITHIN = 0.2  # seconds for central to name the missing handlers after a timeout
+
+SentTasks = deque[tuple[float, str, TaskId]]
+"""Tasks that were sent: time, message name, id."""
 
 MOST_SENT = 10_000
 """The number of tasks that a Sender remembers to have sent."""
@@ -65,8 +70,8 @@ class CentralServices:
         return SiblingOrder(is_shared=self._is_shared)
 
     @cached_property
-    def _sent(self) -> deque[tuple[float, str, TaskId]]:
-        """The newest tasks that this Sender has sent: time, message name, id."""
+    def _sent(self) -> SentTasks:
+        """The newest tasks that this Sender has sent."""
         return deque(maxlen=MOST_SENT)
 
     def _connection(self) -> Connection:
@@ -332,6 +337,21 @@ class CentralServices:
         reserve: bool,
     ) -> Claim:
         """Request a lock or reservation, and wait until it is granted."""
+        claim = self._request_claim(resource, module, timeout, priority, reserve=reserve)
+        claim.wait(timeout)
+        return claim
+
+    def _request_claim(
+        self,
+        resource: str,
+        module: str | None,
+        timeout: float | None,
+        priority: int,
+        *,
+        reserve: bool,
+        blocking: bool = True,
+    ) -> Claim:
+        """Request a lock or reservation. *blocking*: the handler waits for nothing else."""
         call = "reserve()" if reserve else "lock()"
         check(call, checks.NAME, resource=resource)
         check(call, checks.NAME_OR_NONE, module=module)
@@ -347,12 +367,10 @@ class CentralServices:
             self._origin,
             seconds,
             priority,
-            blocking=True,
+            blocking=blocking,
             brief=brief,
         )
-        claim = Claim(self._connection(), header)
-        claim.wait(timeout)
-        return claim
+        return Claim(self._connection(), header)
 
     # --- directory --------------------------------------------------------------------------------
 
@@ -449,21 +467,37 @@ class CentralServices:
             Deadlock: in a handler: the wait would never end.
             CentralLost: central does not answer.
         """
+        connection, request, left = self._request_handled(messages, timeout)
+        connection.wait(request, left, HANDLERS_WAIT)
+        self._check_handled(request, messages, timeout)
+
+    def _request_handled(
+        self, messages: Sequence[Message[Any, Any]], timeout: float | None
+    ) -> tuple[Connection, Request, float | None]:
+        """Ask central to report when the messages have handlers.
+
+        Returns the request, and the seconds that are left of the timeout. Raises Timeout.
+        """
         check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
-        what = "the wait for handlers"
         try:
             left = self._declare_within(timeout, *messages)
         except Timeout:
             why = self._connection().why_silent or "central did not know these messages yet"
-            raise Timeout(f"{what} was not over within {timeout:g} s: {why}") from None
+            raise Timeout(f"{HANDLERS_WAIT} was not over within {timeout:g} s: {why}") from None
         connection = self._declare(*messages)
         names = [message.name for message in messages]
         wanted = headers.WaitUntilHandled(0, names, [], self._origin)
-        request = connection.request(wanted, wants_answer=True, is_awaited=True)
-        if not connection.wait(request, left, what):
+        return connection, connection.request(wanted, wants_answer=True, is_awaited=True), left
+
+    def _check_handled(
+        self, request: Request, messages: Sequence[Message[Any, Any]], timeout: float | None
+    ) -> None:
+        """Raise Timeout if some message has no handler yet."""
+        if not request.is_over:
+            connection = self._connection()
             connection.abandon(request)
             if why := connection.why_silent:
-                raise Timeout(f"{what} was not over within {timeout:g} s: {why}")
+                raise Timeout(f"{HANDLERS_WAIT} was not over within {timeout:g} s: {why}")
             advice = "start the module that handles them, see 'tca messages'"
             raise Timeout(f"{self._unhandled(messages, timeout)}; {advice}")
 

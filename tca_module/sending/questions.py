@@ -86,6 +86,22 @@ class QuestionServices(CentralServices):
 
             stance = task.query(NEXT_STANCE, pose, timeout=2.0)
         """
+        pending, left = self._query_within(message, data, timeout, priority, blocking=True)
+        return pending.receive_within(left, timeout)
+
+    def _query_within(
+        self,
+        message: Query[Any, R],
+        data: Any,
+        timeout: float | None,
+        priority: int,
+        *,
+        blocking: bool,
+    ) -> tuple[PendingReply[R], float | None]:
+        """Send a query; return it, and the seconds that are left of the timeout.
+
+        *blocking*: the sender waits for nothing else. Raises Timeout.
+        """
         brief = is_brief("query()", timeout)
         check_class(message, Query)
         try:
@@ -93,8 +109,10 @@ class QuestionServices(CentralServices):
         except Timeout:
             assert timeout is not None
             raise reply_timeout(message, timeout, self._connection().why_silent) from None
-        question = self._send_question(message, data, priority=priority, blocking=True, brief=brief)
-        return PendingReply(*question, message).receive_within(left, timeout)
+        question = self._send_question(
+            message, data, priority=priority, blocking=blocking, brief=brief
+        )
+        return PendingReply(*question, message), left
 
     @overload
     def query_send(

@@ -146,6 +146,12 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
         self._deadline = None if timeout is None else connection.now() + timeout
         self._has_reply = False
 
+    @property
+    def seconds_left(self) -> float | None:
+        """The seconds until the end of the iteration; None without a bound."""
+        deadline = self._deadline
+        return None if deadline is None else max(0.0, deadline - self.connection.now())
+
     def __next__(self) -> R:
         if not self._is_cancelled and self._wait_for_answer():
             answer, body = self.request.answers.popleft()
@@ -161,11 +167,12 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
     def _wait_for_answer(self) -> bool:
         """Wait for the next answer; return False if the time is over, or no more will come."""
         if not self.request.answers and not self.request.is_over:
-            now, deadline = self.connection.now(), self._deadline
-            left = None if deadline is None else max(0.0, deadline - now)
             try:
                 has_arrived = self.connection.wait(
-                    self.request, left, self._message.title, lambda: bool(self.request.answers)
+                    self.request,
+                    self.seconds_left,
+                    self._message.title,
+                    lambda: bool(self.request.answers),
                 )
                 # If a handler has failed, central's answer to the GiveUp names its failure.
                 if not has_arrived and not self._has_reply:

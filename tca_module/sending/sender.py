@@ -38,7 +38,7 @@ from tca_wire.points import THIS, TaskId
 from tca_wire.vocabulary import Refusal
 
 # Seconds between two attempts to send a message for which there was no room.
-_SHORTEST_PAUSE, _LONGEST_PAUSE = 0.01, 0.1
+SHORTEST_PAUSE, LONGEST_PAUSE = 0.01, 0.1
 
 _RECOVERIES = checks.list_of(
     "a list of recoveries, such as [Recovery(COLLISION, RAISE_LEG)]",
@@ -444,7 +444,7 @@ class Sender(WatchingServices, QuestionServices):
         if wait is None:
             connection.post(header, body)
             return
-        deadline, pause = connection.now() + wait, _SHORTEST_PAUSE
+        deadline, pause = connection.now() + wait, SHORTEST_PAUSE
         while True:
             try:
                 connection.call(header, message.title, body)
@@ -455,7 +455,7 @@ class Sender(WatchingServices, QuestionServices):
             else:
                 return
             connection.pause(min(pause, left), message.title)
-            pause = min(2 * pause, _LONGEST_PAUSE)
+            pause = min(2 * pause, LONGEST_PAUSE)
 
     # --- messages of any class --------------------------------------------------------------------
 

@@ -217,8 +217,14 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         request = self._request_point(point, blocking=True, brief=brief, is_awaited=True)
         with self._recalled_if_lost():
             what = LateText(lambda: f"the wait for {self._describe_point(point)}")
-            is_over = self._connection().wait(request, timeout, what)
-        if not is_over:
+            self._connection().wait(request, timeout, what)
+        return self._point_answer(request, point, timeout)
+
+    def _point_answer(
+        self, request: Request, point: Point, timeout: float | None
+    ) -> tuple[headers.Answer, bytes]:
+        """Return the answer to a wait for a point. Raises Timeout if there is none yet."""
+        if not request.is_over:
             why = self._connection().abandon_late(request)
             text = f"{self._describe_point(point)} was not reached within {timeout:g} s"
             raise Timeout(f"{text}: {why}" if why else text, can_wait=True)

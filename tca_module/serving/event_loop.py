@@ -76,12 +76,21 @@ class EventLoop:
         """Whether the caller runs inside the loop."""
         return self._loop.is_running()
 
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop:
+        """The asyncio event loop."""
+        return self._loop
+
     def run(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; return its result."""
+        return self.run_until(self.start(handler, coroutine))
+
+    def run_until(self, future: asyncio.Future[T]) -> T:
+        """Run until a future is done, and keep the connection alive; return the result."""
         self._silent_since = self._kept_alive = self._loop.time()
         self._timer = self._loop.call_later(STEP, self._keep_alive)
         try:
-            return self._run_until(self.start(handler, coroutine))
+            return self._run_until(future)
         finally:
             self._timer.cancel()
             self._timer = None

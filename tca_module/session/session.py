@@ -141,6 +141,11 @@ class Session(OpenRequests):
         return self.request(_PROBE)
 
     @property
+    def incarnation(self) -> str:
+        """The run of the module to which the connection belongs."""
+        return self._hello.incarnation
+
+    @property
     def unconfirmed(self) -> int:
         """The number of statements on this connection that may not have reached central."""
         return self._posted - self._arrived

@@ -583,10 +583,9 @@ Fact = (
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All facts of one cause.
+    """All facts of one cause; without a cause central itself starts or ends a segment.
 
-    *time* is in seconds since the epoch began, on a monotonic clock. There is no *cause* where
-    central itself starts or ends a segment.
+    *time* is in seconds since the epoch began, on a monotonic clock.
     """
 
     number: EntryNumber

@@ -1,5 +1,6 @@
 """Central is killed and restarted. No accepted message is lost, and none is handled twice."""
 
+import asyncio
 import errno
 import os
 import re
@@ -24,7 +25,7 @@ from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished_segments
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import Daemon
-from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
+from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, aconnect, connect
 from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.journal.records import record
@@ -138,6 +139,23 @@ def test_result_of_handler_is_accepted_after_central_restart(robot: Robot, user:
     assert after.result(timeout=20) == 10
     assert user.get_variable(SPEED) == 3
     assert robot.starts() == Counter([-1, 5])
+
+
+def test_async_awaits_continue_through_central_restart(robot: Robot) -> None:
+    async def main() -> list[int]:
+        async with aconnect("user", robot.central.address, patience=20) as user:
+            step = await user.command(STEP, -1)
+            waiting = asyncio.create_task(step.result())
+            await step.wait_for(step.handling.start)
+            await asyncio.to_thread(until, lambda: robot.starts()[-1] == 1, "the step has begun")
+            robot.kill()
+            asking = asyncio.create_task(user.query(WHERE))
+            await asyncio.to_thread(Path(f"{robot.notebook}.go").touch)
+            await asyncio.to_thread(robot.restart)
+            async with asyncio.timeout(20):
+                return [await waiting, await asking]
+
+    assert asyncio.run(main()) == [-2, 7]
 
 
 def test_task_of_dead_module_is_uncertain_after_central_restart(robot: Robot, user: Client) -> None:

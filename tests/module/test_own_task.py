@@ -146,12 +146,12 @@ def test_use_in_wrong_thread_names_object_and_advice(user: Client, legs: Module)
 themselves, and find it with task(number)",
         "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: other threads \
 connect() themselves, and find it with task(number)",
-        "client 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: other threads \
-connect() themselves",
+        "client 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: share it with \
+connect(..., threads=True), or connect() in each thread",
         "module 'legs' is used in thread 'driver', but belongs to thread 'MainThread', which runs it: a handler sends with its \
-task, other threads with a client of their own: connect()",
+task, other threads with a client of their own: connect(), or one that they share: connect(..., threads=True)",
         "a connection of module 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: a \
-handler sends with its task, other threads with a client of their own: connect()",
+handler sends with its task, other threads with a client of their own: connect(), or one that they share: connect(..., threads=True)",
     ]
 
 

@@ -1,0 +1,1 @@
+"""Clients and handlers on the user's own asyncio event loop."""
