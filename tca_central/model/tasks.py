@@ -335,6 +335,12 @@ class Policy(Stored):
         """Return the task's retry policy; None without any."""
         return task.recovery.policy if task.recovery is not None else None
 
+    @staticmethod
+    def is_replaced(task: Task) -> bool:
+        """Whether the fallback of a task's policy is to be sent in place of its next attempt."""
+        policy = Policy.of(task)
+        return policy is not None and policy.replacement is not None
+
     @property
     def has_attempts_left(self) -> bool:
         """Whether the policy allows another attempt."""

@@ -220,6 +220,10 @@ class RecordFold(Run):
     def _retried(self, fact: facts.Retried) -> None:
         task = self._task(fact.task)
         task.is_recovering = task.is_dealt_with = task.is_unhandled = False
+        if fact.fallback:  # the fallback replaces the task, which retains the failure
+            cause = self._task(fact.failed)
+            words = cause.failure.words if cause is task else f"in {cause}: {cause.failure.words}"
+            self._undecided[task.id] = Failure(cause.failure.name, words)
         self._forget_outcome(task)
         has_other_data = fact.body not in (b"", task.body)
         counts = len(task.handlings), len(task.children)

@@ -149,7 +149,7 @@ MISTAKES = {
         with futures.ThreadPoolExecutor() as pool:
             pool.submit(user.command, REST).result()
         """,
-        "MisuseError", "client 'user'", "ThreadPoolExecutor", r"other threads connect\(\)",
+        "MisuseError", "client 'user'", "ThreadPoolExecutor", r"share it with connect",
     ),
     "task that is used after its handler": Mistake(
         """

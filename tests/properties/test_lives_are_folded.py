@@ -2,10 +2,10 @@
 
 from typing import Any
 
-import msgspec
 from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from properties.folded import Folding
 from properties.life import OPERATIONS, Life, Operations, small
 from tools.runs import OPENED, TRANSCRIPTS, checked
@@ -36,10 +36,10 @@ class ComparedPlayer(Folding):
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         if isinstance(header, Register):
             changed = [
-                msgspec.structs.replace(one, **HANDLER_OPTIONS.get(one.message, {}))
+                one if one.takes else replace(one, **HANDLER_OPTIONS.get(one.message, {}))
                 for one in header.handlers
             ]
-            header = msgspec.structs.replace(header, handlers=changed)
+            header = replace(header, handlers=changed)
         return super().receive(connection, header, body)
 
     def compare(self) -> None:

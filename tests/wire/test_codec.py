@@ -74,7 +74,7 @@ def item(header: bytes, body: bytes = b"") -> bytes:
         (item(b""), "truncated"),
         (item(b"\xc1"), "malformed"),
         (item(msgspec.msgpack.encode([99, 1])), "Invalid value 99"),
-        (item(msgspec.msgpack.encode([5, 1, 2, 3, 4])), "at most length 3"),
+        (item(msgspec.msgpack.encode([5, 1, 2, 3, "", 4])), "at most length 4"),
         (item(msgspec.msgpack.encode([5, "one"])), "Expected `int`, got `str`"),
         (item(b"\x92\x05" + b"\x91" * 100_000), "not a message to central"),
         (item(b"\x92\x05\xa2\xff\xfe"), "not a message to central"),
@@ -87,7 +87,7 @@ def test_malformed_packet_is_refused_with_a_reason(packet: bytes, why: str) -> N
 
 def test_reply_packet_matches_the_documented_bytes() -> None:
     reply = codec.pack([(headers.Reply(7), b"\xc0")])
-    assert reply.hex(" ") == "00 00 00 05 00 00 00 01 94 05 07 00 00 c0"
+    assert reply.hex(" ") == "00 00 00 06 00 00 00 01 95 05 07 00 00 a0 c0"
 
 
 def test_hello_of_a_later_version_is_read() -> None:

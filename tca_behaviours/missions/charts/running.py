@@ -219,7 +219,7 @@ def run_as_task(
     name = f"{chart.name} of {mission.name}"
     servers = {state.server for state in root.all()} - {"", mission.server}
     central, endings = mission.central, list[str]()
-    with _open_missions(servers, name, central=central, leave_running=True) as others:
+    with _open_missions(servers, mission) as others:
         _check_tasks(root, mission, others, data)
     command = Command(f"machine {name}", MachineChart, result=TaskEnd, progress=ActiveStates)
     module = Module(command.name, central)
@@ -232,7 +232,7 @@ def run_as_task(
 
         with (
             Mission(mission.server, name=name, central=central, under=task) as inner,
-            _open_missions(servers, name, central=central, under=task) as others,
+            _open_missions(servers, inner) as others,
         ):
             run = MachineRun(root, inner, publish, data=data, others=others, clock=task.time)
             end = run.run_to_end()
@@ -246,12 +246,12 @@ def run_as_task(
 
 @contextmanager
 def _open_missions(
-    servers: Iterable[str], name: str, **options: Any
+    servers: Iterable[str], mission: BaseMission
 ) -> Iterator[dict[str, BaseMission]]:
-    """Open a mission for each server."""
+    """Open a mission beside *mission* for each server."""
     with ExitStack() as stack:
         yield {
-            server: stack.enter_context(Mission(server, name=f"{name} on {server}", **options))
+            server: stack.enter_context(Mission(server, beside=mission))
             for server in sorted(servers)
         }
 
