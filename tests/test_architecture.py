@@ -70,6 +70,7 @@ ONLY_IN = {
 EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core, for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # handles recorded inputs again
+    ("tca_tools/live/central.py", "tca_central"),  # the options of the daemon
     ("tca_behaviours/missions/charts/machine.py", "tca_tools"),  # pictures of state machines
     ("tca_behaviours/missions/console/command.py", "tca_tools"),  # options of all commands
     ("tca_behaviours/coordination/learning.py", "tca_tools"),  # journals of earlier runs

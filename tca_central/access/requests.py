@@ -297,6 +297,7 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Lock: _lock,
     headers.Unlock: lambda _, connection, __: _need(connection, ADMINISTER, "unlock"),
     headers.GoOn: lambda _, connection, __: _need(connection, ADMINISTER, "resume"),
+    headers.EndCentral: lambda _, connection, __: _need(connection, ADMINISTER, "stop"),
     Noted: _noted,
     WatchEntrance: None,
 }

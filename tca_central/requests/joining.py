@@ -217,6 +217,21 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
     disconnect(central, connection, "it said goodbye", lost=False)
 
 
+def on_end_central(
+    central: State, connection: Connection, header: headers.EndCentral, _: bytes
+) -> None:
+    """Record that central must end, and remove the connection that asks. The shell ends it."""
+    if header.keep and not central.budget.keeps_inputs:
+        text = (
+            "the run can't be kept, because central stores no inputs (--no-inputs, --no-journal): "
+            "leave --keep out to end the run"
+        )
+        raise RequestError(Refusal.UNKNOWN, text)
+    central.facts.append(facts.CentralEnding(connection.module.name, header.keep))
+    central.accept(connection, header.number)
+    disconnect(central, connection, "it ended central", lost=False)
+
+
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
     """Remove a connection.
 

@@ -42,7 +42,12 @@ class LineFormatter(logging.Formatter):
 class LogLines:
     """Writes a log line for each fact that users must know of."""
 
-    def __init__(self, log: logging.Logger, central: Central) -> None:
+    def __init__(
+        self,
+        log: logging.Logger,
+        central: Central,
+        end: Callable[[facts.CentralEnding], object] = lambda _: None,
+    ) -> None:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
@@ -63,6 +68,7 @@ class LogLines:
             facts.ModuleLeft: lambda fact, _: log.info(
                 "module '%s' left: %s", fact.module, fact.why
             ),
+            facts.CentralEnding: lambda fact, _: end(fact),
             facts.Queued: self._queued,
             facts.Retried: self._retried,
             facts.HandlerAdded: lambda fact, _: self._unhandled.discard(fact.message),

@@ -447,7 +447,17 @@ class GoOn(Numbered, frozen=True, tag=54):
     """Start tasks again after a restart of central, without waiting for missing connections."""
 
 
-_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask | WaitUntilHandled | GoOn
+class EndCentral(Numbered, frozen=True, tag=56):
+    """End central. With *keep* the run continues at central's next start, else it is over.
+
+    The sender's connection ends with this request, as with Bye.
+    """
+
+    keep: bool = False
+
+
+_OfRuns = WaitUntilHandled | GoOn | EndCentral
+_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask
 _OfMessages = Send | Reply | Replies | Fail | Recalled | GiveUp | Await | AwaitAny
 _OfTasks = Constrain | AwaitPoint | Kill | Retry | Suspend | Deadline | Inspect | Keep
 _OfStates = ChangeState | Observe
@@ -456,7 +466,8 @@ _OfMonitors = Tap | Fire | EndMonitor
 _OfResources = Lock | Unlock | Release | GetVariable | SetVariable
 _OfDirectMessages = Noted | WatchEntrance
 ToCentral = (
-    _OfConnections
+    _OfRuns
+    | _OfConnections
     | _OfMessages
     | _OfTasks
     | _OfStates
