@@ -5,19 +5,28 @@ import logging
 import os
 import sys
 import threading
+from contextlib import suppress
 from functools import cache
-from typing import Any, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import msgspec
 
 from tca_module import checks
 from tca_module.checks import check
-from tca_module.errors import CentralLost, MisuseError, NotSent, Refused
+from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import Topic
 from tca_module.sending.sender import Sender
+from tca_wire.packets import headers
+from tca_wire.text.measures import listed
+
+OnLeave = Literal["cancel", "keep"]
+_ON_LEAVE = checks.one_of("'cancel', 'keep' or None", ("cancel", "keep", None))
+_MOST_NAMED = 10
+_HINT_WITHIN = 1.0
+"""Seconds that central has to say which tasks are open."""
 
 _TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
 
@@ -29,8 +38,11 @@ class Client(Sender):
     ``connect()`` themselves. Use the Client in a ``with`` block, or call ``close()``.
     """
 
-    def __init__(self, connection: Connection, linger: float = LINGER) -> None:
+    def __init__(
+        self, connection: Connection, linger: float = LINGER, *, hints: bool = False
+    ) -> None:
         super().__init__()
+        self._hints = hints  #: whether to name open tasks when this client leaves
         self._link: Connection | None = connection
         self._linger = linger
         self._process = os.getpid()
@@ -83,10 +95,29 @@ class Client(Sender):
         if link is not None and link.is_inherited:
             self._link = None  # the process that opened the client says goodbye
         elif link is not None:
+            self._name_open_tasks(link)
             try:
                 link.close(self._linger)  # may call callbacks, which send with this client
             finally:
                 self._link = None
+
+    def _name_open_tasks(self, link: Connection) -> None:
+        """Name the top-level tasks that continue without this client, on standard error."""
+        can_ask = self._hints and link.has_sent_tasks and link.is_own_thread
+        if not (can_ask and link.session.is_welcome):
+            return
+        self._hints = False
+        with suppress(CentralLost, Timeout, Refused):
+            asked = headers.Ask(0, "sent")
+            request = link.ask_central(asked, "the question for open tasks", within=_HINT_WITHIN)
+            sent = msgspec.msgpack.decode(request.answers[-1][1])
+            if sent["total"]:
+                named = listed(sent["tasks"], sent["total"] - len(sent["tasks"]), named=_MOST_NAMED)
+                print(
+                    f"'{self.name}' leaves, and {named} continue:"
+                    " connect(..., on_leave='cancel') cancels them, on_leave='keep' keeps them",
+                    file=sys.stderr,
+                )
 
     def __enter__(self) -> Self:
         return self
@@ -113,6 +144,8 @@ class Client(Sender):
         if not (is_own_thread or self._thread.daemon):
             self._thread.join()
         is_free = is_own_thread or self._is_abandoned
+        if is_own_thread:
+            self._name_open_tasks(link)
         if is_free or (link.missing and link.acquire_for_closing(self._linger)):
             link.close(self._linger)
         elif number := link.missing:
@@ -140,10 +173,12 @@ def connect(
     patience: float = PATIENCE / 2,
     *,
     linger: float = LINGER,
+    on_leave: OnLeave | None = None,
 ) -> Client:
     """Connect to central from a program that is no module.
 
-    The end of the ``with`` block waits until all sent messages have arrived.
+    The end of the ``with`` block waits until all sent messages have arrived. Goals and commands
+    that were sent continue, unless *on_leave* says otherwise.
 
     Args:
         name: the name by which central knows the client, 1 to 128 printable characters. Default:
@@ -154,6 +189,9 @@ def connect(
             which a later wait raises CentralLost. Default: 5.
         linger: the most seconds that the end of the block waits for sent messages to arrive.
             Default: 10.
+        on_leave: "cancel" has central request the cancel of the client's living goals and commands
+            when the client leaves, also when its process dies. "keep" lets them continue. Default:
+            None, which also lets them continue, and names them on standard error.
 
     Returns:
         The Client.
@@ -171,8 +209,12 @@ def connect(
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
+    check("connect()", _ON_LEAVE, on_leave=on_leave)
+    greeting = hello(name, cancels_on_leave=on_leave == "cancel")
+    is_remote = central is None or isinstance(central, str)
     try:
-        client = Client(open_connection(central, hello(name), patience), linger)
+        connection = open_connection(central, greeting, patience)
+        client = Client(connection, linger, hints=is_remote and on_leave is None)
     except CentralLost as error:
         # Without its cause: a script that does not catch the error prints a short traceback.
         raise CentralLost(str(error)) from None

@@ -24,7 +24,7 @@ H = TypeVar("H", bound=headers.ToCentral)
 SEND, HANDLE, TAP = Permission.SEND, Permission.HANDLE, Permission.TAP
 LOCK, KILL, ADMINISTER = Permission.LOCK, Permission.KILL, Permission.ADMINISTER
 
-OPEN_TOPICS = ("messages", "modules")
+OPEN_TOPICS = ("messages", "modules", "sent")
 """Topics that need no permission: the module library asks for them to explain errors."""
 
 

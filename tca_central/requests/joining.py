@@ -7,7 +7,12 @@ from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
-from tca_central.life_cycles.changes import check_custom_handler, resend_requests, restart
+from tca_central.life_cycles.changes import (
+    cancel_tasks_of,
+    check_custom_handler,
+    resend_requests,
+    restart,
+)
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.clock import checked_seconds
@@ -64,6 +69,7 @@ def greet(
         header.module or "module", header.incarnation, header.process, principal
     )
     if is_new:
+        module.cancels_on_leave = header.cancels_on_leave
         central.facts.append(facts.ModuleJoined(module.name, header.process, principal))
         _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     connection = module.connections.get(session)
@@ -328,6 +334,8 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
     central.dispatcher.list_stranded(central.registry.messages.values())
     claims.end_claims_on_module(central, module, why)
     release_all(central, module)
+    if module.cancels_on_leave:
+        cancel_tasks_of(central, module)
     central.registry.forget_module(module)
     central.tree.forget_module(module)
     central.facts.append(facts.ModuleLeft(module.name, why, lost))

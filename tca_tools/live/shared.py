@@ -67,7 +67,8 @@ def as_usage() -> Iterator[None]:
 @contextmanager
 def talking(command: str, central: str | None) -> Iterator[Client]:
     """A context with a client of central for one command, with the errors of ``as_usage``."""
-    with as_usage(), connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
+    name = f"{COMMANDS}{command}"
+    with as_usage(), connect(name, central, patience=_PATIENCE, on_leave="keep") as client:
         yield client
 
 

@@ -69,6 +69,8 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
 
     They count from the time at which the slot's handler was asked to end, or the sender gave up.
     """
+    cancels_on_leave: bool = False
+    """When the module leaves, central requests the cancel of its living top-level tasks."""
 
 
 class Register(Numbered, frozen=True, tag=2):
@@ -234,7 +236,8 @@ class Kill(OfTask, frozen=True, tag=10):
 class Ask(Numbered, frozen=True, tag=11):
     """Query central about a topic. The answer has a MessagePack map as body."""
 
-    topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
+    topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached", "sent"]
+    """"sent": the living top-level tasks that this module has sent."""
 
 
 class Receipt(WireArray, frozen=True, tag=50):
@@ -448,10 +451,7 @@ class GoOn(Numbered, frozen=True, tag=54):
 
 
 class EndCentral(Numbered, frozen=True, tag=56):
-    """End central. With *keep* the run continues at central's next start, else it is over.
-
-    The sender's connection ends with this request, as with Bye.
-    """
+    """End central, and with it this connection. With *keep* the run continues at the next start."""
 
     keep: bool = False
 
