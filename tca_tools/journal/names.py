@@ -1,4 +1,4 @@
-"""Shell completion of names from a journal: of the command's LOG, or of the newest run."""
+"""Shell completion of names from the journal of the newest run."""
 
 import time
 from collections.abc import Iterator
@@ -15,22 +15,22 @@ _SECONDS = 0.5
 """Seconds for which a journal is read. The names stand near its beginning."""
 
 
-def complete_modules(context: click.Context, _: click.Parameter, start: str) -> list[str]:
+def complete_modules(_: click.Context, __: click.Parameter, start: str) -> list[str]:
     """Return the names of modules that begin with *start*."""
-    found = (one.module for one in _facts(context) if isinstance(one, facts.ModuleJoined))
+    found = (one.module for one in _facts() if isinstance(one, facts.ModuleJoined))
     return for_shell((name for name in found if not name.startswith(COMMANDS)), start)
 
 
-def complete_tasks(context: click.Context, _: click.Parameter, start: str) -> list[str]:
+def complete_tasks(_: click.Context, __: click.Parameter, start: str) -> list[str]:
     """Return the names of messages that become tasks and begin with *start*."""
-    found = (one for one in _facts(context) if isinstance(one, facts.FormatDefined))
+    found = (one for one in _facts() if isinstance(one, facts.FormatDefined))
     return for_shell((one.message for one in found if one.message_class.is_task), start)
 
 
-def _facts(context: click.Context) -> Iterator[facts.Fact]:
+def _facts() -> Iterator[facts.Fact]:
     until = time.monotonic() + _SECONDS
     try:
-        for entry in open_log(context.params.get("log_path")):
+        for entry in open_log(None):
             yield from entry.facts
             if time.monotonic() > until:
                 return
