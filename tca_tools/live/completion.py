@@ -30,11 +30,23 @@ def from_central(names_in: Callable[[Client], Iterable[str]]) -> Complete:
     return complete
 
 
-def messages(*classes: MessageClass) -> Complete:
-    """Return the completion of the names of declared messages of some classes."""
+def messages(is_wanted: Callable[[MessageClass], bool]) -> Complete:
+    """Return the completion of the names of declared messages of the wanted classes."""
     return from_central(
-        lambda client: [one.name for one in client.messages() if one.message_class in classes]
+        lambda client: [
+            one.name for one in client.messages() if is_wanted(MessageClass(one.message_class))
+        ]
     )
+
+
+def is_query(one: MessageClass) -> bool:
+    """Whether messages of a class are answered to their sender."""
+    return one.asks_one or one.asks_many
+
+
+def is_sent(one: MessageClass) -> bool:
+    """Whether 'tca send' sends messages of a class."""
+    return not (one.keeps_value or one.is_monitor or one.handles_failures)
 
 
 MODULES = from_central(
@@ -45,6 +57,4 @@ MODULES = from_central(
 RESOURCES = from_central(
     lambda client: [resource.name for one in client.modules() for resource in one.resources]
 )
-QUERIES = MessageClass.QUERY, MessageClass.MULTI_QUERY
-TASKS = MessageClass.GOAL, MessageClass.COMMAND
-SENT = *QUERIES, *TASKS, MessageClass.INFORM, MessageClass.BROADCAST
+TASKS = messages(lambda one: one.is_task and not one.is_monitor)

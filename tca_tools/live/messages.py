@@ -15,7 +15,7 @@ from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.sending.task_ref import SentTask
 from tca_tools.errors import ToolError
-from tca_tools.live.completion import QUERIES, SENT, messages
+from tca_tools.live.completion import is_query, is_sent, messages
 from tca_tools.live.shared import as_json, as_text, json_option, live_command, timeout_option
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
@@ -31,7 +31,6 @@ from tca_wire.messages.declarations import (
 )
 from tca_wire.text.plain_data import Bare
 from tca_wire.text.printable import printable
-from tca_wire.vocabulary import MessageClass
 
 _FIELD = re.compile(r"([^\s=\"'{}\[\],]+)=(.*)", re.DOTALL)
 HOW = """DATA are fields, 'key=value', with dots for nested fields ('pose.x=1.5'); or one
@@ -39,12 +38,12 @@ whole value; or '-' for JSON from the standard input. A value is read as JSON if
 else as text. After '--' it may begin with a minus.
 """
 
-variable_argument = click.argument("variable", shell_complete=messages(MessageClass.VARIABLE))
+variable_argument = click.argument("variable", shell_complete=messages(lambda one: one.keeps_value))
 data_argument = click.argument("data", nargs=-1)
 
 
 @live_command("send", epilog=HOW)
-@click.argument("name", shell_complete=messages(*SENT))
+@click.argument("name", shell_complete=messages(is_sent))
 @data_argument
 @click.option(
     "--wait",
@@ -90,7 +89,7 @@ def send(
 
 
 @live_command("query", epilog=HOW)
-@click.argument("name", shell_complete=messages(*QUERIES))
+@click.argument("name", shell_complete=messages(is_query))
 @data_argument
 @timeout_option
 @click.option(

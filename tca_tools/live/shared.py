@@ -12,7 +12,7 @@ import msgspec
 from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_tools.errors import ToolError
-from tca_tools.live.completion import TASKS, messages
+from tca_tools.live.completion import TASKS
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.notices import COMMANDS
@@ -30,7 +30,7 @@ seconds = click.FloatRange(min=0)
 timeout_option = click.option(
     "--timeout", metavar="SECONDS", type=seconds, help="Wait no longer than this."
 )
-task_argument = click.argument("task", metavar="TASK", shell_complete=messages(*TASKS))
+task_argument = click.argument("task", metavar="TASK", shell_complete=TASKS)
 
 
 def live_command(
