@@ -134,9 +134,13 @@ def _set_up_logging(*, quiet: bool) -> None:
 
 
 def _install_signal_handlers(server: Daemon) -> None:
-    """Stop at SIGINT and SIGTERM. At SIGHUP check files again or, without a terminal, stop."""
+    """Stop at SIGINT and SIGTERM, and at SIGUSR1 so that the run continues at the next start.
+
+    At SIGHUP check files again or, without a terminal, stop.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
+    signal.signal(signal.SIGUSR1, lambda *_: server.stop(signal.SIGUSR1.name, keep=True))
     has_terminal = os.isatty(sys.stderr.fileno())
 
     def on_hangup(*_: object) -> None:

@@ -507,6 +507,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.AwaitAny: waiting.on_await_any,
     headers.Unlock: revoking.on_unlock,
     headers.GoOn: restarting.on_go_on,
+    headers.EndCentral: joining.on_end_central,
     Noted: direct_routes.on_noted,
     WatchEntrance: direct_routes.on_watch_entrance,
 }

@@ -126,6 +126,8 @@ class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
     """The greatest number of wiretaps' listeners in one chain of causes."""
     task_depth: int
     """The greatest depth of the task tree."""
+    keeps_inputs: bool = True
+    """Whether inputs are stored, so that the run can continue after a restart."""
 
 
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):

@@ -429,6 +429,7 @@ class State(Waits):
         """Apply new limits. Stored answers beyond a limit are forgotten; all else stays."""
         self.budget.split(limits.memory)
         self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
+        self.budget.keeps_inputs = limits.keeps_inputs
         self.answers.most = self.budget.answers
         self.answers.evict()
 

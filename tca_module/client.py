@@ -6,16 +6,16 @@ import logging
 import os
 import sys
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache
 from itertools import count
-from typing import Any, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import msgspec
 
 from tca_module import checks
 from tca_module.checks import check
-from tca_module.errors import CentralLost, MisuseError, NotSent, Refused
+from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
@@ -23,7 +23,14 @@ from tca_module.sending.central_services import SentTasks, Topic
 from tca_module.sending.sender import Sender
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.session.lasting_attachments import LastingAttachments
-from tca_wire.packets.headers import Hello
+from tca_wire.packets import headers
+from tca_wire.text.measures import listed
+
+OnLeave = Literal["cancel", "keep"]
+_ON_LEAVE = checks.one_of("'cancel', 'keep' or None", ("cancel", "keep", None))
+_MOST_NAMED = 10
+_HINT_WITHIN = 1.0
+"""Seconds that central has to say which tasks are open."""
 
 CONNECT_THREADS = "share it with connect(..., threads=True), or connect() in each thread"
 _TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
@@ -38,6 +45,7 @@ class Client(Sender):
 
     def __init__(self, connection: Connection, linger: float = LINGER) -> None:
         super().__init__()
+        self._hints = False  #: whether to name open tasks when this client leaves
         self._link: Connection | None = connection
         self._linger = linger
         self._process = os.getpid()
@@ -90,10 +98,29 @@ class Client(Sender):
         if link is not None and link.is_inherited:
             self._link = None  # the process that opened the client says goodbye
         elif link is not None:
+            self._name_open_tasks(link)
             try:
                 link.close(self._linger)  # may call callbacks, which send with this client
             finally:
                 self._link = None
+
+    def _name_open_tasks(self, link: Connection) -> None:
+        """Name the top-level tasks that continue without this client, on standard error."""
+        can_ask = self._hints and link.has_sent_tasks and link.is_own_thread
+        if not (can_ask and link.session.is_welcome):
+            return
+        self._hints = False
+        with suppress(CentralLost, Timeout, Refused):
+            asked = headers.Ask(0, "sent")
+            request = link.ask_central(asked, "the question for open tasks", within=_HINT_WITHIN)
+            sent = msgspec.msgpack.decode(request.answers[-1][1])
+            if sent["total"]:
+                named = listed(sent["tasks"], sent["total"] - len(sent["tasks"]), named=_MOST_NAMED)
+                print(
+                    f"'{self.name}' leaves, and {named} continue:"
+                    " connect(..., on_leave='cancel') cancels them, on_leave='keep' keeps them",
+                    file=sys.stderr,
+                )
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +147,8 @@ class Client(Sender):
         if not (is_own_thread or self._thread.daemon):
             self._thread.join()
         is_free = is_own_thread or self._is_abandoned
+        if is_own_thread:
+            self._name_open_tasks(link)
         if is_free or (link.missing and link.acquire_for_closing(self._linger)):
             link.close(self._linger)
         elif number := link.missing:
@@ -164,6 +193,7 @@ class _SharedClient(Client):
     def __init__(self, connection: Connection, linger: float) -> None:
         super().__init__(connection, linger)
         self.central: CentralAddress = None
+        self.cancels_on_leave = False
         self._lock = threading.Lock()
         self._numbers = count(1)  #: the numbers of the connections of other threads
         self._others: set[Client] = set()  #: the clients of other threads
@@ -178,7 +208,12 @@ class _SharedClient(Client):
         own: Client | None = getattr(self._of_thread, "client", None)
         if own is None:
             session = link.session
-            greeting = hello(self.name, next(self._numbers), incarnation=session.incarnation)
+            greeting = hello(
+                self.name,
+                next(self._numbers),
+                incarnation=session.incarnation,
+                cancels_on_leave=self.cancels_on_leave,
+            )
             patience = link.wait_loop.patience
             own = self._of_thread.client = _open(
                 Client, self.central, greeting, patience, self._linger, session.attachments
@@ -225,10 +260,12 @@ def connect(
     *,
     linger: float = LINGER,
     threads: bool = False,
+    on_leave: OnLeave | None = None,
 ) -> Client:
     """Connect to central from a program that is no module.
 
-    The end of the ``with`` block waits until all sent messages have arrived.
+    The end of the ``with`` block waits until all sent messages have arrived. Goals and commands
+    that were sent continue, unless *on_leave* says otherwise.
 
     Args:
         name: the name by which central knows the client, 1 to 128 printable characters. Default:
@@ -242,6 +279,9 @@ def connect(
         threads: any thread may use the client. Each thread opens a connection of its own at its
             first call, and the client's tasks belong to the thread that sent or found them.
             Default: False.
+        on_leave: "cancel" has central request the cancel of the client's living goals and commands
+            when the client leaves, also when its process dies. "keep" lets them continue. Default:
+            None, which also lets them continue, and names them on standard error.
 
     Returns:
         The Client.
@@ -260,16 +300,19 @@ def connect(
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
     check("connect()", checks.FLAG, threads=threads)
-    client = _open(_SharedClient if threads else Client, central, hello(name), patience, linger)
+    check("connect()", _ON_LEAVE, on_leave=on_leave)
+    greeting = hello(name, cancels_on_leave=on_leave == "cancel")
+    client = _open(_SharedClient if threads else Client, central, greeting, patience, linger)
+    client._hints = on_leave is None and (central is None or isinstance(central, str))
     if isinstance(client, _SharedClient):
-        client.central = central
+        client.central, client.cancels_on_leave = central, greeting.cancels_on_leave
     return client
 
 
 def _open(
     kind: type[Client],
     central: CentralAddress,
-    greeting: Hello,
+    greeting: headers.Hello,
     patience: float,
     linger: float,
     attachments: LastingAttachments | None = None,

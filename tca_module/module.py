@@ -372,7 +372,9 @@ class Module(LoopModule):
         self._linger = linger
         check(f"module '{self.name}'", checks.FLAG, reconnect=reconnect)
         greeting = hello(self.name)
-        self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
+        self._link = link = open_connection(
+            self.central, greeting, patience, self._stop.is_set, logs_wait=True
+        )
         link.root_sender = self
         if (known := link.session.module) != self.name:
             text = f"another module '{self.name}' runs, so central calls this one '{known}'"

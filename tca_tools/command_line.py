@@ -27,7 +27,7 @@ _GROUPS = {
     ),
     "Send and steer": (
         "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume",
-        "retry", "raise", "unlock", "detach", "console", "activities",
+        "retry", "raise", "unlock", "detach", "console",
     ),
     "See a run, live or afterwards": (
         "view", "tree", "gantt", "schedule", "report", "replay", "log", "stats", "check", "export",

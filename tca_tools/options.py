@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from tca_tools.journal.names import complete_modules, complete_tasks
 from tca_tools.output import check_free
 from tca_wire.journal.facts import LONGEST_TIME
 from tca_wire.text.printable import printable
@@ -104,11 +105,13 @@ _SHARED = (
         "modules",
         metavar="NAME",
         multiple=True,
+        shell_complete=complete_modules,
         help="Only this module's (repeatable).",
     ),
     click.option(
         "--task",
         metavar="TASK",
+        shell_complete=complete_tasks,
         help="Only this task and its descendants: its number, or a message's name.",
     ),
     force_option,

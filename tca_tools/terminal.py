@@ -1,11 +1,12 @@
 """Text that fits a terminal: widths, cutting, padding and tables."""
 
 import os
+import re
 import select
 import shutil
 import sys
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 _LEAST_NAME = 6
 """Columns of a name before its number, at least."""
@@ -84,3 +85,14 @@ def _columns(character: str) -> int:
     if unicodedata.combining(character):
         return 0
     return 2 if unicodedata.east_asian_width(character) in "WF" else 1
+
+
+def for_shell(names: Iterable[str], start: str) -> list[str]:
+    """Return the names that begin with *start*, as the shell that asks for a completion reads them.
+
+    Bash takes a word as it is, so that spaces need a backslash. Other shells quote it themselves.
+    """
+    found = sorted({name for name in names if name.startswith(start)})
+    if os.environ.get("_TCA_COMPLETE", "").startswith("bash"):
+        return [re.sub(r"([^\w.,:/+-])", r"\\\1", name) for name in found]
+    return found

@@ -72,6 +72,7 @@ ONLY_IN = {
 EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core, for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # handles recorded inputs again
+    ("tca_tools/live/central.py", "tca_central"),  # the options of the daemon
     ("tca_behaviours/missions/charts/machine.py", "tca_tools"),  # pictures of state machines
     ("tca_behaviours/missions/console/command.py", "tca_tools"),  # options of all commands
     ("tca_behaviours/coordination/learning.py", "tca_tools"),  # journals of earlier runs
@@ -110,14 +111,16 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_tools.supervise": {
         "guard": set(),
         "robot_file": set(),
-        "output": set(),
+        "log_file": set(),
+        "output": {"log_file"},
         "room": set(),
+        "control": set(),
         "restarts": {"robot_file"},
         "programs": {"guard"},
         "supervised": {"guard", "output", "programs", "restarts", "robot_file", "room"},
         "hung": {"supervised"},
-        "robot": {"guard", "hung", "programs", "supervised", "output", "robot_file"},
-        "command": {"supervised", "output", "robot", "robot_file"},
+        "robot": {"control", "guard", "hung", "programs", "supervised", "output", "robot_file"},
+        "command": {"control", "supervised", "output", "robot", "robot_file"},
         "__main__": {"command"},
         "__init__": set(),
     },
@@ -238,10 +241,10 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "spans": set(),
         "terminal": set(),
         "output": {"errors"},
-        "options": {"output"},
+        "options": {"journal", "output"},
         "command_line": {"user_toml"},
         "drawing": {"errors", "output", "terminal"},
-        "journal": {"errors"},
+        "journal": {"errors", "terminal"},
         "explain": {"journal", "spans", "terminal"},
         "analysis": {"journal", "spans", "explain"},
         "log": {"errors", "options", "journal", "terminal"},

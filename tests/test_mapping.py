@@ -21,7 +21,7 @@ PACKAGES = (charts, missions, tca_module)
 ROWS = [row for row in re.findall(r"^\|(.+)\|$", PAGE, re.MULTILINE) if not set(row) <= set("|- ")]
 CELLS = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)] for row in ROWS]
 THEIRS = {
-    "$TCA_CENTRAL", "--bind", "-c", "-t", "SEQ_ACH", "TCM_", "async def", "bytes", "fail", "module lost",
+    "$TCA_CENTRAL", "--bind", "--stop", "--stop --keep", "IPC_", "-c", "-t", "SEQ_ACH", "TCM_", "async def", "bytes", "fail", "module lost",
     "raise COLLISION(height)", "release()", r"reply=Pose \| None", "tca", "tca_module", "timeout", "unlock", "with",
     "x_ipc", "{int, [double:3]}",
 }  # fmt: skip

@@ -24,7 +24,7 @@ H = TypeVar("H", bound=headers.ToCentral)
 SEND, HANDLE, TAP = Permission.SEND, Permission.HANDLE, Permission.TAP
 LOCK, KILL, ADMINISTER = Permission.LOCK, Permission.KILL, Permission.ADMINISTER
 
-OPEN_TOPICS = ("messages", "modules")
+OPEN_TOPICS = ("messages", "modules", "sent")
 """Topics that need no permission: the module library asks for them to explain errors."""
 
 
@@ -299,6 +299,7 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Lock: _lock,
     headers.Unlock: lambda _, connection, __: _need(connection, ADMINISTER, "unlock"),
     headers.GoOn: lambda _, connection, __: _need(connection, ADMINISTER, "resume"),
+    headers.EndCentral: lambda _, connection, __: _need(connection, ADMINISTER, "stop"),
     Noted: _noted,
     WatchEntrance: None,
 }

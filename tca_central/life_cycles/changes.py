@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from tca_central.errors import RequestError
 from tca_central.failing.failures import kill, retry_task
 from tca_central.failing.retry_order import check_order
-from tca_central.model.deliveries import Connection, Delivery, Handler
+from tca_central.model.deliveries import Connection, Delivery, Handler, Module
 from tca_central.model.tasks import ClientRequest, Clients, Policy, Task, Verdict
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -175,6 +175,25 @@ def apply_client_request(
         _notify_handler(central, task, asked)
     else:
         _decide(central, task, step, asked, central.origin)
+
+
+def cancel_tasks_of(central: State, module: Module) -> None:
+    """Request the cancel of the living top-level tasks of a module that leaves.
+
+    A task whose state has no transition to its end is killed.
+    """
+    why = f"module '{module.name}' left"
+    for task in list(central.tree.top_of_module.get(module, {}).values()):
+        step = task.message.life_cycle.cancel(task.state)
+        if task.killed or task.message.life_cycle.ends_on_request(task.state):
+            continue
+        if step is not None:
+            try:
+                apply_client_request(central, task, step, module.name, why)
+                continue
+            except RequestError:  # no handler takes that transition
+                pass
+        kill(central, task, Verdict(why, module.name))
 
 
 def apply_defaults(central: State, task: Task) -> None:

@@ -39,6 +39,7 @@ class Budget(Stored):
         "answers",
         "collector_bytes",
         "declared",
+        "keeps_inputs",
         "messages",
         "outcomes",
         "presence_bytes",
@@ -54,6 +55,7 @@ class Budget(Stored):
     def __init__(self, total: int = MEMORY) -> None:
         self.split(total)
         self.tap_depth, self.task_depth = TAP_DEPTH, TASK_DEPTH
+        self.keeps_inputs = True  #: whether the run can continue after a restart
         self.collector_bytes = 0  #: bytes of failures that multi-queries in progress hold
         self.presence_bytes = 0  #: bytes of waits for handlers (``PresenceWait``)
         self.refused = 0  #: number of requests refused, and informs dropped, for a full part

@@ -1,7 +1,4 @@
-"""Messages on their way: modules, connections, message types, handlers and attachments.
-
-This file has no rule of tasks, and uses no clock or socket.
-"""
+"""Messages on their way, modules, connections, handlers and attachments. No rules, no clock."""
 
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -203,6 +200,7 @@ class Module(Stored):
 
     __slots__ = (
         "called",
+        "cancels_on_leave",
         "connections",
         "handlers",
         "incarnation",
@@ -226,6 +224,7 @@ class Module(Stored):
         self.connections: dict[str, Connection] = {}  #: by session
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
+        self.cancels_on_leave = False  #: whether its top-level tasks are cancelled when it leaves
         self.is_ready = False  #: whether it has made the attachments of its start
         self.retained: dict[int, None] = {}  #: ids of tasks, living or ended, to retain for it
 

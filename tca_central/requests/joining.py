@@ -7,7 +7,12 @@ from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
-from tca_central.life_cycles.changes import check_custom_handler, resend_requests, restart
+from tca_central.life_cycles.changes import (
+    cancel_tasks_of,
+    check_custom_handler,
+    resend_requests,
+    restart,
+)
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.clock import checked_seconds
@@ -64,6 +69,7 @@ def greet(
         header.module or "module", header.incarnation, header.process, principal
     )
     if is_new:
+        module.cancels_on_leave = header.cancels_on_leave
         central.facts.append(facts.ModuleJoined(module.name, header.process, principal))
         _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     connection = module.connections.get(session)
@@ -217,6 +223,21 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
     disconnect(central, connection, "it said goodbye", lost=False)
 
 
+def on_end_central(
+    central: State, connection: Connection, header: headers.EndCentral, _: bytes
+) -> None:
+    """Record that central must end, and remove the connection that asks. The shell ends it."""
+    if header.keep and not central.budget.keeps_inputs:
+        text = (
+            "the run can't be kept, because central stores no inputs (--no-inputs, --no-journal): "
+            "leave --keep out to end the run"
+        )
+        raise RequestError(Refusal.UNKNOWN, text)
+    central.facts.append(facts.CentralEnding(connection.module.name, header.keep))
+    central.accept(connection, header.number)
+    disconnect(central, connection, "it ended central", lost=False)
+
+
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
     """Remove a connection.
 
@@ -313,6 +334,8 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
     central.dispatcher.list_stranded(central.registry.messages.values())
     claims.end_claims_on_module(central, module, why)
     release_all(central, module)
+    if module.cancels_on_leave:
+        cancel_tasks_of(central, module)
     central.registry.forget_module(module)
     central.tree.forget_module(module)
     central.facts.append(facts.ModuleLeft(module.name, why, lost))

@@ -44,7 +44,12 @@ class LineFormatter(logging.Formatter):
 class LogLines:
     """Writes a log line for each fact that users must know of."""
 
-    def __init__(self, log: logging.Logger, central: Central) -> None:
+    def __init__(
+        self,
+        log: logging.Logger,
+        central: Central,
+        end: Callable[[facts.CentralEnding], object] = lambda _: None,
+    ) -> None:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
@@ -67,6 +72,7 @@ class LogLines:
             ),
             facts.Attached: self._attached,
             facts.Unhandled: self._unhandled_failure,
+            facts.CentralEnding: lambda fact, _: end(fact),
             facts.Queued: self._queued,
             facts.Retried: self._retried,
             facts.HandlerAdded: lambda fact, _: self._unhandled.discard(fact.message),

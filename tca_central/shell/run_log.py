@@ -30,6 +30,11 @@ class RunLog:
         self.images = Images(inputs, journal, image_events, image) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
+    @property
+    def keeps_inputs(self) -> bool:
+        """Whether inputs are stored, so that the run can continue after a restart."""
+        return self._inputs is not None
+
     def add_input(self, event: Input) -> None:
         """Append an input that is about to be handled."""
         if self._inputs is not None:

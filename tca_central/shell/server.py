@@ -12,7 +12,6 @@ import os
 import socket as sockets
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import zmq
@@ -38,14 +37,13 @@ from tca_central.events import (
 )
 from tca_central.inputs import events_of
 from tca_central.model.budget import MEMORY, TAP_DEPTH, TASK_DEPTH
+from tca_central.shell.address_lock import lock_address
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.log_lines import LogLines
-from tca_central.shell.log_writer import lock
 from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.pulses import Pulses
 from tca_central.shell.run_log import RunLog
-from tca_wire.endpoint import default_folder
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Beat, Bye, Closing, Receipt, Refused, ToModule, Unknown
 from tca_wire.vocabulary import Limit, Refusal
@@ -126,18 +124,18 @@ class Daemon:
         #: Whether to continue without a journal when the journal can't be written.
         self.continues_unrecorded = False
         self.stopping = ""  #: why the loop must end; "" while it runs
-        #: Whether ``stop`` was called: then the run ends, and does not continue at the next start.
-        self._is_stop_requested = False
+        self._is_over = False  #: whether the run is over, and does not continue at the next start
+        self._is_kept = False  #: whether ``stop`` was called, and keeps the run
         self._started_at = time.monotonic() - central.clock.now
         self._outboxes = Outboxes(self._send)
         self._too_slow: dict[ConnectionId, str] = {}  #: connections that will be cut, and why
-        self._lines = LogLines(log, central)
+        self._lines = LogLines(log, central, lambda fact: self.stop(fact.by, keep=fact.keep))
         self._next_pulse, self._next_beat = PULSE_PERIOD, BEAT_PERIOD
         self._next_sweep = SWEEP_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
         self._gate = gate or gate_for(endpoint, insecure=True)
-        self._lock = _lock_address(endpoint)
+        self._lock = lock_address(endpoint)
         self._context = zmq.Context()
         #: Whether a connection has closed without Bye. Heartbeats to all connections show which.
         self._has_lost = False
@@ -153,9 +151,15 @@ class Daemon:
         self._poller.register(self._wake_receiver.fileno(), _POLLIN)
         self._poller.register(self.socket, _POLLIN)
 
-    def stop(self, why: str) -> None:
-        """End the loop, and with it the run. Signal handlers and other threads may call this."""
-        self._is_stop_requested = True
+    def stop(self, why: str, *, keep: bool = False) -> None:
+        """End the loop, and the run unless *keep*. Signal handlers and other threads may call this.
+
+        A kept run continues at the next start, as after a crash. Modules wait for that start.
+        """
+        if keep and (self.log is None or not self.log.keeps_inputs):
+            log.error("does not end: the run can't be kept, because no inputs are stored")
+            return
+        self._is_over, self._is_kept = not keep, keep
         self.stopping = why
         self._wake_up()
 
@@ -180,9 +184,7 @@ class Daemon:
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
         self._apply_gate_changes()
-        budget = self.central.budget
-        if (budget.total, budget.tap_depth, budget.task_depth) != self._limits:
-            self.handle_input(LimitsSet(self.now(), *self._limits))
+        self._set_limits()
         while not self.stopping:
             patience = self._poll_timeout()
             if self._is_lively and patience > LIVELY:
@@ -197,6 +199,15 @@ class Daemon:
             if not patience:
                 self._run_due_work()
             self._flush()
+
+    def _set_limits(self) -> None:
+        """Have the core apply the present limits, if it has others."""
+        keeps_inputs = self.log is not None and self.log.keeps_inputs
+        limits = *self._limits, keeps_inputs
+        budget = self.central.budget
+        known = budget.total, budget.tap_depth, budget.task_depth, budget.keeps_inputs
+        if known != limits:
+            self.handle_input(LimitsSet(self.now(), *limits))
 
     def handle_input(self, event: Input) -> None:
         """Log an input, pass it to the core, carry out its effects. Raises CentralError."""
@@ -294,6 +305,7 @@ class Daemon:
             advice,
         )
         self.log = None
+        self._set_limits()
 
     def _check_log(self) -> None:
         """Find problems that a write would not: removed files, and a disk that is nearly full."""
@@ -535,13 +547,15 @@ class Daemon:
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
         self._lines.losses.write_due()
-        self._perform(self.central.handle(ConfirmTasks(self.now())))
-        for connection in self.central.registry.connections:
-            self._enqueue(connection, Closing(self.stopping))
+        if not self._is_kept:  # else modules see a break of the connection, and repeat requests
+            self._perform(self.central.handle(ConfirmTasks(self.now())))
+            for connection in self.central.registry.connections:
+                self._enqueue(connection, Closing(self.stopping))
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
             self._flush()
             if self.log is not None:
-                self.log.end(self.central, self.stopping, is_over=self._is_stop_requested)
+                why = "" if self._is_kept else self.stopping
+                self.log.end(self.central, why, is_over=self._is_over)
         self._door.close()
         self._gate.close()
         self.socket.close()
@@ -558,35 +572,3 @@ class Daemon:
 def _as_logged(event: Input, events: Sequence[Event]) -> Input:
     """Return an input as the log stores it: for bytes that are not a packet, the error in them."""
     return events[0] if isinstance(event, Arrived) and isinstance(events[0], BadBytes) else event
-
-
-def _lock_address(endpoint: str) -> int:
-    """Lock a Unix socket's address against other centrals. Return the lock's file (-1: TCP).
-
-    ZeroMQ would silently take over the address of a running central.
-    """
-    if not endpoint.startswith("ipc:///"):
-        return -1
-    path = Path(endpoint.removeprefix("ipc://"))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        owner = path.parent.stat().st_uid
-        if path.parent == default_folder() and owner == os.getuid():
-            path.parent.chmod(0o700)  # a user may have made it with other permissions
-        locked = os.open(
-            f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600
-        )
-        lock(locked)
-    except BlockingIOError:
-        msg = (
-            f"can't listen on {endpoint}: another central uses it; stop it, "
-            "or choose another address with --bind"
-        )
-        raise CentralError(msg) from None
-    except OSError as error:
-        msg = f"can't listen on {endpoint}: {error.strerror}; choose another address with --bind"
-        raise CentralError(msg) from None
-    if owner not in (os.getuid(), 0):
-        msg = f"{path.parent} belongs to another user: choose another address with --bind"
-        raise CentralError(msg)
-    return locked

@@ -7,7 +7,14 @@ from typing import Any
 import msgspec
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import Connection, Handler, Holder, MessageType, ModuleResource
+from tca_central.model.deliveries import (
+    Connection,
+    Handler,
+    Holder,
+    MessageType,
+    Module,
+    ModuleResource,
+)
 from tca_central.model.registry import Value
 from tca_central.model.tasks import Task, TaskRecord, place_of
 from tca_central.order.holds import held_counts
@@ -19,6 +26,7 @@ from tca_wire.points import ALL_MOMENTS, ROOT, Moment, describe_moments
 from tca_wire.vocabulary import CENTRAL, Limit, Outcome, Refusal
 
 SHOWN_TASKS = 10_000
+SHOWN_SENT = 10
 SHOWN_BYTES = 512
 """The longest value of a variable that is shown."""
 
@@ -307,6 +315,13 @@ def _place(place: Task | MessageType) -> dict[str, Any]:
     return {"task": int(place.id), "message": place.message.name if place.id else ""}
 
 
+def _sent(central: State, module: Module) -> dict[str, Any]:
+    """Return the first living top-level tasks of a module, and how many there are."""
+    tasks = central.tree.top_of_module.get(module, {})
+    first = itertools.islice(tasks.values(), SHOWN_SENT)
+    return {"tasks": [str(task) for task in first], "total": len(tasks)}
+
+
 TOPICS = {
     "status": overview,
     "modules": modules,
@@ -324,7 +339,10 @@ TOPICS = {
 
 def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
     """Answer a module's question about a topic."""
-    found = TOPICS[header.topic](central)
+    if header.topic == "sent":
+        found: Any = _sent(central, connection.module)
+    else:
+        found = TOPICS[header.topic](central)
     _answer(central, connection, header.number, found, f"the answer to '{header.topic}'")
 
 

@@ -30,6 +30,7 @@ from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
+_LOG_AFTER = 1.0  # seconds of waiting for central after which a module says so
 # seconds within which central accepts or refuses a request, even while it answers others
 ACKNOWLEDGED_WITHIN = 30.0
 _LEAVE_WITHIN = 2.0  # seconds that central has to acknowledge a leaving module
@@ -41,15 +42,26 @@ MAX_UNACKNOWLEDGED = 100
 class Connection(Waits):
     """One connection to central."""
 
-    def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
-        """Wait until central welcomes this connection.
+    has_sent_tasks = False
+
+    def open(
+        self, is_stopped: Callable[[], bool] = lambda: False, *, logs_wait: bool = False
+    ) -> None:
+        """Wait until central welcomes this connection. With *logs_wait*, log a long wait.
 
         Raises CentralLost, Refused, or Stopped if *is_stopped*.
         """
-        session, what = self.session, f"module '{self.session.module}'"
-        self.wait_loop.until(
-            lambda: session.is_welcome or session.refused is not None or is_stopped(), None
-        )
+        session, what, since = self.session, f"module '{self.session.module}'", self.now()
+
+        def is_over() -> bool:
+            return session.is_welcome or session.refused is not None or is_stopped()
+
+        if logs_wait and not self.wait_loop.until(is_over, _LOG_AFTER, since=since):
+            where = self.transport.address
+            self.log.warning(
+                "%s is waiting for central at %s (start it with: tca central)", what, where
+            )
+        self.wait_loop.until(is_over, None, since=since)
         if session.refused is not None:
             raise Refused(what, session.refused.refusal, session.refused.text)
         if not session.is_welcome:
@@ -152,6 +164,7 @@ class Connection(Waits):
         next call, or ``raise_send_errors``. While central is away, this waits for central.
         """
         with self.locked():
+            self.has_sent_tasks = True
             session, epoch = self.session, self.session.epoch
             self._wait_for_room()
             self._catch_up_for(header, epoch)

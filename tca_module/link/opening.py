@@ -39,11 +39,14 @@ def open_connection(
     is_stopped: Callable[[], bool] = lambda: False,
     direct: Iterable[Message[Any, Any]] = (),
     attachments: LastingAttachments | None = None,
+    *,
+    logs_wait: bool = False,
 ) -> Connection:
     """Open a connection and return it when central has welcomed it.
 
-    *direct*: the messages that this connection receives directly. Raises CentralLost if central
-    does not answer within *patience* seconds.
+    *direct*: the messages that this connection receives directly. With *logs_wait*, a wait for
+    central of more than a second is logged. Raises CentralLost if central does not answer within
+    *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
@@ -52,7 +55,7 @@ def open_connection(
     else:
         connection = Connection(central.transport(), Session(hello, attachments), patience=patience)
     try:
-        connection.open(is_stopped)
+        connection.open(is_stopped, logs_wait=logs_wait)
     except BaseException:
         connection.drop()
         raise
@@ -90,6 +93,8 @@ def hello(
     resource: str = "",
     incarnation: str = "",
     hung_after: float = 0.0,
+    *,
+    cancels_on_leave: bool = False,
 ) -> Hello:
     """Return the Hello with which a connection introduces itself.
 
@@ -105,4 +110,5 @@ def hello(
         process=f"{socket.gethostname()}:{os.getpid()}",
         prefetch=PREFETCH if resource else 0,
         hung_after=hung_after,
+        cancels_on_leave=cancels_on_leave,
     )

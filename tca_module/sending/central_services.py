@@ -306,6 +306,26 @@ class CentralServices:
         """
         return bool(self._connection().call(headers.GoOn(0), "letting tasks start again"))
 
+    def end_central(self, *, keep: bool = False) -> None:
+        """End central, for everyone. For operators. This sender's connection ends, too.
+
+        Args:
+            keep: whether the run continues at central's next start. Modules then wait for it.
+                Default: False, which ends the run.
+
+        Raises:
+            Refused: central stores no inputs, so that the run can't be kept; or the permissions
+                do not allow it.
+            CentralLost: central does not answer.
+
+        Example::
+
+            with connect("maintenance") as user:
+                user.end_central(keep=True)
+        """
+        check("end_central()", checks.FLAG, keep=keep)
+        self._connection().call(headers.EndCentral(0, keep), "ending central")
+
     # --- attachments ------------------------------------------------------------------------------
 
     def detach(self, number: int) -> bool:

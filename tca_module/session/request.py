@@ -36,6 +36,7 @@ _WITHOUT_TASKS = (
     headers.WaitUntilHandled,
     headers.Unlock,
     headers.GoOn,
+    headers.EndCentral,
 )
 """Requests that any central understands, whatever it remembers."""
 

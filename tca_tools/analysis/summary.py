@@ -1,11 +1,12 @@
 """The summary of a run: one sentence and a few numbers."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 
 from tca_tools.journal.fates import STANDINGS, standing
-from tca_tools.journal.records import OVER, Task, TaskState
+from tca_tools.journal.records import OVER, Restart, Task, TaskState
 from tca_tools.journal.whole_run import Run
 from tca_wire.text.measures import counted, run_time
 from tca_wire.text.printable import first_line
@@ -52,6 +53,8 @@ class Summary:
     """Whether every top-level task was achieved."""
     outcome: str
     """The outcome in one sentence."""
+    restarts: Sequence[Restart] = ()
+    """The restarts of central."""
 
     @property
     def seconds(self) -> float:
@@ -80,6 +83,7 @@ def summary(run: Run) -> Summary:
         _dropped(run),
         bool(top) and all(task.state is TaskState.ACHIEVED for task in top),
         _outcome(run, top, failures),
+        run.restarts,
     )
 
 

@@ -127,6 +127,7 @@ def story(run: Run, message_id: int, instant: float = inf) -> list[Sentence]:
         found += _handling(RunAt(run, instant), handling)
     if isinstance(message, Task):
         found += _states(run, message, instant)
+    found += _restarts(run, message, found)
     # The sort is stable: at one time, causes come before their effects
     return sorted(found, key=attrgetter("time"))
 
@@ -145,6 +146,17 @@ def _birth(run: Run, message: Message) -> Sentence:
     if isinstance(message, Task) and message.parent:
         text += f", under {run.describe(message.parent)}"
     return Sentence(message.received, text)
+
+
+def _restarts(run: Run, message: Message, others: list[Sentence]) -> Sentences:
+    """Yield the restarts of central during the message's life."""
+    is_open = any(one.is_open for one in others)
+    if isinstance(message, Task):
+        is_open = message.state not in OVER
+    end = inf if is_open else max(one.time + (one.seconds or 0.0) for one in others)
+    for one in run.restarts:
+        if message.received < one.time <= end:
+            yield Sentence(one.time, str(one))
 
 
 def _failures(run: Run, message: Message, instant: float) -> Sentences:

@@ -58,9 +58,11 @@ def chart(
     places = {module: place for place, module in enumerate([*modules, ""])}
     keys = sorted(rows, key=lambda key: (places[key[0]], key == ("", "")))
     shown = (rows[key] for key in keys)
-    return Chart(
+    drawing = Chart(
         start, end, [row for row in shown if any(row.bars) or _shows_empty(row, pick)], list(names)
     )
+    drawing.restarts = [one for one in run.restarts if drawing.shows(one.time)]
+    return drawing
 
 
 def _shows_empty(row: ResourceRow, pick: Pick) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tca_tools.gantt.chart import CONNECTED, Bar, BarKind, Ending
+from tca_tools.gantt.chart import CONNECTED, RESTART, Bar, BarKind, Ending
 from tca_tools.terminal import can_show, columns_of, line_width
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
@@ -33,9 +33,10 @@ _DRAWN = (
     CONNECTED,
     TaskRole.AHEAD,
     TaskRole.WASTED,
+    RESTART,
 )
-UNICODE = dict(zip(_DRAWN, "█▉▒░┄┄·╎╳╱╵─▀▚", strict=True))  # noqa: RUF001 - no letters
-ASCII = dict(zip(_DRAWN, "#|=.--:|x/'_^%", strict=True))
+UNICODE = dict(zip(_DRAWN, "█▉▒░┄┄·╎╳╱╵─▀▚↻", strict=True))  # noqa: RUF001 - no letters
+ASCII = dict(zip(_DRAWN, "#|=.--:|x/'_^%R", strict=True))
 """By kind of thing: the character that draws it."""
 _WIDTH = 120
 """Columns if the width of the terminal is unknown."""

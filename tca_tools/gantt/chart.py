@@ -7,6 +7,7 @@ from itertools import chain
 from math import inf
 from operator import attrgetter
 
+from tca_tools.journal.records import Restart
 from tca_tools.spans import Span, lanes
 from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
@@ -46,6 +47,7 @@ MARKED = {Ending.FAILED: "mark-failed", Ending.HANDLED: "mark-handled", Ending.N
 """The style names of marks."""
 FLAGGED = (Ending.FAILED, Ending.HANDLED, Ending.RESOLVED)
 """The endings that have a flag, the worst first."""
+RESTART = "restart"
 MEANINGS: dict[str, str] = {
     BarKind.HANDLED: "handling",
     BarKind.WAITING: "waiting for a reply, task or lock",
@@ -65,6 +67,7 @@ MEANINGS: dict[str, str] = {
     "mark-handled": "failure raised from outside the handler, and handled",
     "mark-request": "request of a client, or its answer",
     CURVE: "number queued or suspended",
+    RESTART: "central was restarted",
     "flag-failed": "a failure at this time",
     "flag-handled": "a failure at this time, handled",
     "flag-resolved": f"a failure at this time, task {Outcome.RESOLVED}",
@@ -218,6 +221,8 @@ class Chart:
     title: str = ""
     notes: Sequence[str] = ()
     """Lines of text below the rows."""
+    restarts: Sequence[Restart] = ()
+    """The restarts of central in the chart."""
 
     def shows(self, start: float, end: float | None = None) -> bool:
         """Whether an instant, or a part of a span, lies in the chart."""
@@ -230,6 +235,7 @@ class Chart:
     def legend_keys(self) -> set[str]:
         """Return the keys of ``MEANINGS`` that the legend must explain."""
         seen: set[str] = {CONNECTED for row in self.rows if row.is_idle}
+        seen |= {RESTART} if self.restarts else set()
         claims = [claim for row in self.rows for claim in row.claims]
         seen |= {claim.kind for claim in claims if self.shows(claim.start, claim.end)}
         for bar in self.bars():

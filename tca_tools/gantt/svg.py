@@ -9,9 +9,9 @@ from math import inf
 from statistics import median
 
 from tca_tools.drawing.page import wide_page
-from tca_tools.drawing.svg import document, line, width_of, words
+from tca_tools.drawing.svg import document, line, rectangle, width_of, words
 from tca_tools.gantt.axis import Scale, ticks
-from tca_tools.gantt.chart import Chart
+from tca_tools.gantt.chart import RESTART, Chart
 from tca_tools.gantt.legend import HATCHINGS, legend, meanings, patterns
 from tca_tools.gantt.looks import MARGIN, OWN_STYLE, STYLE, label_room
 from tca_tools.gantt.rows import Painter
@@ -102,7 +102,12 @@ def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) 
         bands += painter.band(row, bottom)
         bars += painter.bars(row, bottom)
         bottom += painter.height(row) + _ROW_GAP
-    grid = _grid(scale, bottom, zooms)
+    grid = list(_grid(scale, bottom, zooms))
+    grid += [
+        rectangle(f'class="{RESTART}"', x - 0.75, 18, x + 0.75, bottom - 24, str(one))
+        for one in chart.restarts
+        for x in (scale.x(one.time),)
+    ]
     plot = "\n".join([patterns(chart), *bands, *grid, *bars])
     return Pieces(meanings(chart, scale), "\n".join(labels), label_width, plot, width, bottom)
 

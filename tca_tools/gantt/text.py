@@ -10,6 +10,7 @@ from tca_tools.gantt.chart import (
     CONNECTED,
     MARKED,
     MEANINGS,
+    RESTART,
     Bar,
     BarKind,
     Chart,
@@ -18,6 +19,7 @@ from tca_tools.gantt.chart import (
 )
 from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.text.printable import printable
+from tca_wire.vocabulary import CENTRAL
 
 _WIDEST_LABEL = 32
 _MOST_LANES = 8
@@ -31,6 +33,7 @@ def chart_lines(chart: Chart, width: int, blocks: dict[str, str] = UNICODE) -> I
     page = TextPage([chart], width, blocks)
     columns = page.columns
     yield from page.lines("", page.axis(ticks(chart.start, chart.end, max(columns // 12, 1))))
+    yield from page.restarts(chart)
     yield from page.rows(chart)
     yield ""
     seen = chart.legend_keys()
@@ -45,6 +48,7 @@ class TextPage:
         self._start = min(chart.start for chart in charts)
         self._end = max(chart.end for chart in charts)
         labels = [columns_of(printable(row.label)) for chart in charts for row in chart.rows]
+        labels += [len(CENTRAL) for chart in charts if chart.restarts]
         self._label_width = min(max(labels, default=0), _WIDEST_LABEL, width // 2)
         self.columns = max(width - self._label_width - 2, 1)
         self._colours: dict[str, str] = {}
@@ -93,6 +97,13 @@ class TextPage:
         for row in chart.rows:
             cells = self._handled(row, chart) + self._queued(row) + self._held(row)
             yield from self.lines(printable(row.label), cells + self._claims(row, chart))
+
+    def restarts(self, chart: Chart) -> Iterator[str]:
+        """Yield the line of the restarts of central, if there are any."""
+        cells = self._cells()
+        for one in chart.restarts:
+            cells.paint(one.time, one.time, self._blocks[RESTART], "", "red")
+        yield from self.lines(CENTRAL, [cells] * bool(chart.restarts))
 
     def _cells(self) -> Cells:
         return Cells(self._start, self._end, self.columns)

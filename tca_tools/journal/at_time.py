@@ -121,6 +121,12 @@ class TaskAt:
         return active_at(self.record.suspensions, self.instant)
 
     @property
+    def attempt(self) -> int:
+        """The number of its present attempt: 1, and one more for each retry."""
+        retries = self.record.retries
+        return 1 + bisect_right(retries, self.instant, key=attrgetter("time")) if retries else 1
+
+    @property
     def children(self) -> Sequence[TaskId]:
         """The tasks right under it, oldest first."""
         return self._run.children_until(self.record.children, self.instant)

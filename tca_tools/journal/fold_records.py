@@ -21,6 +21,7 @@ from tca_tools.journal.records import (
     ModuleRecord,
     PlannedEvent,
     Queueing,
+    Restart,
     Retry,
     Suspension,
     Task,
@@ -51,6 +52,8 @@ class RecordFold(Run):
         """The top-level tasks with a descendant that was suspended at some time."""
         self.asker: Handling | None = None
         """The run of a handler whose request caused the newest entry."""
+        self._is_end_planned = False
+        """Whether central was asked to end, and to keep the run."""
         self._called: dict[TaskId, dict[int, int]] = {}
         """For each task, the number of calls of its exception handlers by attachment."""
         self._called_for: dict[int, tuple[int, Failure]] = {}
@@ -263,6 +266,13 @@ class RecordFold(Run):
         if effect is Effect.TAKE_GOAL:
             asked = (one.body for one in reversed(task.life) if one.effect is Effect.NEW_GOAL)
             self._change(task, "body", next(asked, task.body))
+
+    def _restarted(self, fact: facts.CentralRestarted) -> None:
+        self.restarts.append(Restart(self.time, fact.away, self._is_end_planned))
+        self._is_end_planned = False
+
+    def _central_ending(self, fact: facts.CentralEnding) -> None:
+        self._is_end_planned = fact.keep
 
     def _refused(self, fact: facts.RequestRefused) -> None:
         if fact.refusal is Refusal.DEADLOCK:

@@ -20,6 +20,7 @@ from tca_wire.journal.facts import TapAdded
 from tca_wire.life_cycles import Effect
 from tca_wire.points import ALL_MOMENTS, MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.text.facts_in_words import kill_reason, place, state_change
+from tca_wire.text.measures import duration
 from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Party, Role, Scope
 from tca_wire.waits import WaitKind
 
@@ -248,6 +249,20 @@ class Retry(NamedTuple):
     """The task whose failure a retry policy deals with (0: no policy wanted it)."""
     fallback: str = ""
     """The message that replaces the task, if the policy wants that."""
+
+
+class Restart(NamedTuple):
+    """A restart of central, which continued the run."""
+
+    time: float
+    away: float
+    """The seconds without central; 0: unknown."""
+    is_planned: bool
+    """Whether a module had asked central to end and to keep the run."""
+
+    def __str__(self) -> str:
+        how = ", as asked" if self.is_planned else ""
+        return f"central was restarted{how}" + (f", after {duration(self.away)}" * (self.away > 0))
 
 
 class LifeChange(NamedTuple):

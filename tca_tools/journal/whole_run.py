@@ -20,6 +20,7 @@ from tca_tools.journal.records import (
     PlannedEvent,
     Queueing,
     Raised,
+    Restart,
     Suspension,
     Task,
 )
@@ -98,6 +99,7 @@ class Run(Reactions):
         self.copies: dict[int, list[Queueing]] = {}
         """For each message to many receivers, the waits of its copies in queues."""
         self.drops: list[Drop] = []
+        self.restarts: list[Restart] = []
         self.modules: dict[str, ModuleRecord] = {}
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""

@@ -15,6 +15,7 @@ from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.sending.task_ref import SentTask
 from tca_tools.errors import ToolError
+from tca_tools.live.completion import is_query, is_sent, messages
 from tca_tools.live.shared import as_json, as_text, json_option, live_command, timeout_option
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
@@ -37,11 +38,12 @@ whole value; or '-' for JSON from the standard input. A value is read as JSON if
 else as text. After '--' it may begin with a minus.
 """
 
+variable_argument = click.argument("variable", shell_complete=messages(lambda one: one.keeps_value))
 data_argument = click.argument("data", nargs=-1)
 
 
 @live_command("send", epilog=HOW)
-@click.argument("name")
+@click.argument("name", shell_complete=messages(is_sent))
 @data_argument
 @click.option(
     "--wait",
@@ -87,7 +89,7 @@ def send(
 
 
 @live_command("query", epilog=HOW)
-@click.argument("name")
+@click.argument("name", shell_complete=messages(is_query))
 @data_argument
 @timeout_option
 @click.option(
@@ -120,7 +122,7 @@ def query(
 
 
 @live_command("get")
-@click.argument("variable")
+@variable_argument
 @json_option
 def get_variable(client: Client, variable: str, *, in_json: bool) -> None:
     """Print the value of a shared variable.
@@ -138,7 +140,7 @@ def get_variable(client: Client, variable: str, *, in_json: bool) -> None:
 
 
 @live_command("set", epilog=HOW)
-@click.argument("variable")
+@variable_argument
 @data_argument
 def set_variable(client: Client, variable: str, data: tuple[str, ...]) -> None:
     """Give a shared variable a new value."""

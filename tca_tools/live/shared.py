@@ -12,6 +12,7 @@ import msgspec
 from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_tools.errors import ToolError
+from tca_tools.live.completion import TASKS
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.notices import COMMANDS
@@ -29,7 +30,7 @@ seconds = click.FloatRange(min=0)
 timeout_option = click.option(
     "--timeout", metavar="SECONDS", type=seconds, help="Wait no longer than this."
 )
-task_argument = click.argument("task", metavar="TASK")
+task_argument = click.argument("task", metavar="TASK", shell_complete=TASKS)
 
 
 def live_command(
@@ -67,7 +68,8 @@ def as_usage() -> Iterator[None]:
 @contextmanager
 def talking(command: str, central: str | None) -> Iterator[Client]:
     """A context with a client of central for one command, with the errors of ``as_usage``."""
-    with as_usage(), connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
+    name = f"{COMMANDS}{command}"
+    with as_usage(), connect(name, central, patience=_PATIENCE, on_leave="keep") as client:
         yield client
 
 

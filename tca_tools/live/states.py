@@ -10,6 +10,7 @@ import click
 from tca_module.client import Client
 from tca_module.sending.task_ref import Change, TaskRef
 from tca_tools.live import steering
+from tca_tools.live.completion import TASKS
 from tca_tools.live.messages import HOW, data_argument, read_data
 from tca_tools.live.shared import (
     as_text,
@@ -87,7 +88,7 @@ def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> A
 
 
 @live_command("watch")
-@click.argument("what", metavar="[MESSAGE|TASK]", required=False)
+@click.argument("what", metavar="[MESSAGE|TASK]", required=False, shell_complete=TASKS)
 @click.option(
     "--state",
     "states",

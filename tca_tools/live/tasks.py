@@ -10,6 +10,7 @@ import click
 from tca_module.client import Client
 from tca_tools.errors import ToolError
 from tca_tools.live import steering
+from tca_tools.live.completion import MODULES, RESOURCES, TASKS
 from tca_tools.live.questions import attached_in_all, attached_to
 from tca_tools.live.shared import live_command, seconds, task_argument
 from tca_tools.live.steering import find_task, too_late
@@ -67,7 +68,7 @@ def suspend(client: Client, task: str) -> None:
 
 
 @live_command("resume")
-@click.argument("task", required=False)
+@click.argument("task", required=False, shell_complete=TASKS)
 def resume(client: Client, task: str | None) -> None:
     """Resume a suspended task with everything under it.
 
@@ -112,9 +113,12 @@ def raise_failure(client: Client, task: str, failure: str, text: str, data: str 
 
 
 @live_command("unlock")
-@click.argument("resource")
+@click.argument("resource", shell_complete=RESOURCES)
 @click.option(
-    "--module", metavar="NAME", help="Its module, if several modules have such a resource."
+    "--module",
+    metavar="NAME",
+    shell_complete=MODULES,
+    help="Its module, if several modules have such a resource.",
 )
 def unlock(client: Client, resource: str, module: str | None) -> None:
     """Revoke the lock or reservation of RESOURCE.

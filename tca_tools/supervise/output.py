@@ -4,7 +4,10 @@ import os
 import selectors
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from tca_tools.supervise.log_file import LogFile
 
 MOST_WAITING = 4 << 20
 """Bytes buffered for a slow screen. Further lines are dropped: no program may wait for a reader."""
@@ -17,9 +20,14 @@ _RESET = b"\x1b[0m"
 
 
 class Output:
-    """Lines for a file descriptor. A thread writes them, so no caller waits for the screen."""
+    """Lines for a file descriptor. A thread writes them, so no caller waits for the screen.
 
-    def __init__(self, names: list[str], file: int, *, in_colour: bool) -> None:
+    The lines of a name in *logs* are also written to that file.
+    """
+
+    def __init__(
+        self, names: list[str], file: int, *, in_colour: bool, logs: Mapping[str, Path] = {}
+    ) -> None:
         width = max(map(len, names))
         self._prefixes = {name: f"{name:{width}} | ".encode() for name in names}
         if in_colour:
@@ -28,6 +36,7 @@ class Output:
                 self._prefixes[name] = colour + self._prefixes[name] + _RESET
         self._end = _RESET + b"\n" if in_colour else b"\n"
         self._file = file
+        self._logs = {name: LogFile(path, self._report) for name, path in logs.items()}
         self._waiting = bytearray()
         self._dropped = 0
         self._is_over = False
@@ -63,6 +72,8 @@ class Output:
 
     def show(self, name: str, line: bytes) -> None:
         """Show a line of a program."""
+        if (log := self._logs.get(name)) is not None:
+            log.write(line)
         with self._changed:
             if len(self._waiting) > MOST_WAITING:
                 self._dropped += 1
@@ -73,6 +84,11 @@ class Output:
                 self._dropped = 0
             self._add(name, line)
             self._changed.notify()
+
+    def _report(self, text: str) -> None:
+        """Show a line about a log file, between those of the first program."""
+        with self._changed:
+            self._add(next(iter(self._prefixes)), text.encode())
 
     def close(self, patience: float) -> None:
         """Wait until all lines are written, at most *patience* seconds."""

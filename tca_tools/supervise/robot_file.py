@@ -45,6 +45,8 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     longest_delay: Seconds = 10.0
     grace: Seconds = 5.0
     """Seconds to end after SIGINT."""
+    log: PathName = ""
+    """The folder of files with the program's output; "": none."""
 
 
 class _CentralTable(Limits, frozen=True, kw_only=True):
@@ -75,6 +77,9 @@ class _ModuleTable(Limits, frozen=True, kw_only=True):
         Meta(description='"on-failure", "always" or "never"'),
     ] = "on-failure"
     hung: Annotated[Literal["leave", "restart"], Meta(description='"leave" or "restart"')] = "leave"
+    when_crashing: Annotated[
+        Literal["end", "leave"], Meta(description='"end" (the robot) or "leave" (it down)')
+    ] = "end"
     copies: Annotated[int, Meta(ge=1, le=99, description="a whole number from 1 to 99")] = 1
 
 
@@ -91,6 +96,10 @@ class Launch(msgspec.Struct, frozen=True, kw_only=True):
     """The folder of central's journal; None for a module."""
     restarts_hung: bool = False
     """Whether to restart it when central has lost its module but its process lives."""
+    is_left_down: bool = False
+    """Whether it is left down when it crashes too often; else all programs are ended."""
+    log: Path | None = None
+    """The file of its output."""
 
     @property
     def is_central(self) -> bool:
@@ -105,6 +114,14 @@ class RobotFile(msgspec.Struct, frozen=True):
     """The address of central."""
     programs: list[Launch]
     """First central, unless it runs already."""
+    log: Path | None = None
+    """The file of what ``tca run`` says itself."""
+
+    @property
+    def logs(self) -> dict[str, Path]:
+        """The files of output, by program."""
+        found = {RUN: self.log, **{program.name: program.log for program in self.programs}}
+        return {name: path for name, path in found.items() if path is not None}
 
     def only(self, names: list[str]) -> "RobotFile":
         """Return a copy with only the named programs; a module's name stands for all its copies.
@@ -115,9 +132,8 @@ class RobotFile(msgspec.Struct, frozen=True):
         for name in names:
             if name not in known:
                 raise BadUserFile(f"--only {name}: {nearest_or_all(name, known)}")
-        return RobotFile(
-            self.address, [one for one in self.programs if one.name.partition(".")[0] in names]
-        )
+        programs = [one for one in self.programs if one.name.partition(".")[0] in names]
+        return msgspec.structs.replace(self, programs=programs)
 
 
 def load(path: Path) -> RobotFile:
@@ -151,7 +167,7 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
         programs += _copies(name, table, common, address, folder)
     if not programs:
         raise BadUserFile("there are no programs to run: add a table [modules.NAME] with a command")
-    return RobotFile(address, programs)
+    return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN))
 
 
 def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
@@ -165,7 +181,13 @@ def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
     command = [sys.executable, "-m", "tca_central", *options]
     environment = _environment(address, {})
     return Launch(
-        name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal
+        name=CENTRAL,
+        command=command,
+        cwd=folder,
+        env=environment,
+        limits=table,
+        journal=journal,
+        log=_log(folder, table.log, CENTRAL),
     )
 
 
@@ -193,17 +215,20 @@ def _copies(
         raise BadUserFile(
             f"{place}.command: there is no executable program {command[0]}, seen from {cwd}"
         )
+    names = [f"{name}.{number}" for number in range(1, table.copies + 1)]
     return [
         Launch(
-            name=f"{name}.{number}" if table.copies > 1 else name,
+            name=one,
             command=command,
             cwd=cwd,
             env=env,
             limits=table,
             restart=table.restart,
             restarts_hung=table.hung == "restart",
+            is_left_down=table.when_crashing == "leave",
+            log=_log(folder, table.log, one),
         )
-        for number in range(1, table.copies + 1)
+        for one in (names if table.copies > 1 else [name])
     ]
 
 
@@ -223,6 +248,11 @@ def _path(folder: Path, name: str) -> Path:
         return folder / Path(name).expanduser()
     except RuntimeError:
         raise BadUserFile(f"{name}: there is no such home folder: write the whole path") from None
+
+
+def _log(folder: Path, name: str, program: str) -> Path | None:
+    """Return the file of a program's output, in the folder *name* ("": no file)."""
+    return _path(folder, name) / f"{program}.log" if name else None
 
 
 def _environment(address: str, added: dict[str, str]) -> dict[str, str]:

@@ -38,6 +38,7 @@ class Supervised:
     ) -> None:
         self.program = program
         self.stop = threading.Event()  #: it must not be started again
+        self.is_halted = False  #: an operator stopped it, and may start it again
         self.code: int | None = None  #: its last exit code, if it is not started again
         self.group = 0  #: its process group; 0: it does not run
         self._output = output
@@ -70,6 +71,11 @@ class Supervised:
                 self._report(f"{self.program.name} {how}{lived}")
                 return
             delay = self._delay(how)
+            if delay is None:
+                self.code = 1 if code is None else code
+                start_it = f"'tca run --start {self.program.name}' starts it"
+                self._report(f"{self._too_often(how)}: it is left down; {start_it}")
+                return
             limits, count = self.program.limits, self._restarts.count
             restarts = f"restart {count} of at most {limits.restarts} within {limits.within:g} s"
             self._report(
@@ -84,20 +90,29 @@ class Supervised:
         while not (self.stop.wait(max(delay, _LEAST_DELAY)) or has_room(journal)):
             delay = min(2 * delay, self.program.limits.longest_delay)
 
+    def reset(self) -> None:
+        """Prepare another ``run``, which begins without earlier crashes."""
+        self.stop.clear()
+        self.is_halted, self.code = False, None
+        self._restarts = Restarts(self.program.limits)
+
     def kill_hung(self) -> None:
         """Kill its hung process. It is then started again."""
         self._is_hung = True
         if self.group:
             guard.send(self.group, signal.SIGKILL)
 
-    def _delay(self, how: str) -> float:
-        """Return the seconds before the next start. Raises GaveUp."""
+    def _delay(self, how: str) -> float | None:
+        """Return the seconds before the next start; None to leave it down. Raises GaveUp."""
         delay = self._restarts.delay(time.monotonic())
-        if delay is None:
-            within, times = self.program.limits.within, self._restarts.count
-            often = f", {times} times within {within:g} s" if times > 1 else ""
-            raise GaveUp(f"{self.program.name} {how}{often}", self.program.name, self._last)
+        if delay is None and not self.program.is_left_down:
+            raise GaveUp(self._too_often(how), self.program.name, self._last)
         return delay
+
+    def _too_often(self, how: str) -> str:
+        within, times = self.program.limits.within, self._restarts.count
+        often = f", {times} times within {within:g} s" if times > 1 else ""
+        return f"{self.program.name} {how}{often}"
 
     def _run_once(self) -> int | None:
         """Run its process to the end. Return the exit code, or None if it could not be started."""

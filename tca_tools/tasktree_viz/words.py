@@ -25,7 +25,7 @@ from tca_tools.terminal import columns_of, cut
 from tca_wire.points import Edge, Interval, moment_of
 from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.text.facts_in_words import by_whom
-from tca_wire.text.measures import counted, duration
+from tca_wire.text.measures import counted, duration, ordinal
 from tca_wire.text.printable import first_line, printable
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitFor
@@ -80,9 +80,12 @@ def times(task: TaskAt, interval: Interval) -> str:
 def role(task: TaskAt) -> str:
     """Return the role of a task that central created or a coordinator sent early; else "".
 
-    For example "listener", "exception handler", "monitor", or the fate of early work.
+    For example "listener", "exception handler", "monitor", or the fate of early work. A task that
+    is handled again also has its attempt: "3rd try".
     """
-    return _joined(", ", "monitor" * task.message_class.is_monitor, task.role, task.preview)
+    attempt = f"{ordinal(task.attempt)} try" if task.attempt > 1 else ""
+    monitor = "monitor" * task.message_class.is_monitor
+    return _joined(", ", monitor, task.role, task.preview, attempt)
 
 
 def called(task: TaskAt) -> str:

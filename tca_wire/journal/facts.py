@@ -82,6 +82,13 @@ class WentOn(BaseFact, frozen=True, tag="went on"):
     by: str = ""
 
 
+class CentralEnding(BaseFact, frozen=True, tag="ending"):
+    """A module ended central. With *keep* the run continues at the next start."""
+
+    by: str
+    keep: bool
+
+
 class DiskSpace(BaseFact, frozen=True, tag="disk"):
     """The journal's disk is nearly full (*is_low*), so new tasks are refused; or has room again."""
 
@@ -554,30 +561,26 @@ class MonitorEnded(MonitorFact, frozen=True, tag="monitor ended"):
     why: str
 
 
-_OfRuns = Opened | Shortened | Closed | CentralFailed | CentralRestarted | WentOn | DiskSpace
+_OfRuns = Opened | Shortened | Closed | DiskSpace | CentralFailed | CentralRestarted | WentOn
 _OfModules = ModuleJoined | ModuleLeft | ResourceChanged | Recalling
-_OfDeclarations = FormatDefined | HandlerAdded | HandlerRemoved
-_OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored
+_OfHandlers = FormatDefined | HandlerAdded | HandlerRemoved | HandledDirectly | LostDirectly
+_OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored | CentralEnding
 _OfMessages = Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped
-_OfDirectMessages = HandledDirectly | LostDirectly
 _OfTasks = Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
-_OfStates = SuspendedOrResumed | StateChanged | Kept | Released
+_OfStates = SuspendedOrResumed | StateChanged | Kept | Released | Recovered | Retried
 _OfWaits = Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
-_OfFailures = Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved
-_OfRecoveries = Unhandled | Recovered | Retried
+_OfFailures = Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled
 _OfMonitors = TapAdded | TapFired | WaitedFor | OutlivesRetry | MonitorTested | MonitorEnded
 Fact = (
     _OfRuns
     | _OfModules
-    | _OfDeclarations
+    | _OfHandlers
     | _OfAccess
     | _OfMessages
-    | _OfDirectMessages
     | _OfTasks
     | _OfStates
     | _OfWaits
     | _OfFailures
-    | _OfRecoveries
     | _OfMonitors
 )
 

@@ -70,6 +70,8 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
 
     They count from the time at which the slot's handler was asked to end, or the sender gave up.
     """
+    cancels_on_leave: bool = False
+    """When the module leaves, central requests the cancel of its living top-level tasks."""
 
 
 class Register(Numbered, frozen=True, tag=2):
@@ -239,7 +241,8 @@ class Kill(OfTask, frozen=True, tag=10):
 class Ask(Numbered, frozen=True, tag=11):
     """Query central about a topic. The answer has a MessagePack map as body."""
 
-    topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
+    topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached", "sent"]
+    """"sent": the living top-level tasks that this module has sent."""
 
 
 class Receipt(WireArray, frozen=True, tag=50):
@@ -452,7 +455,14 @@ class GoOn(Numbered, frozen=True, tag=54):
     """Start tasks again after a restart of central, without waiting for missing connections."""
 
 
-_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask | WaitUntilHandled | GoOn
+class EndCentral(Numbered, frozen=True, tag=56):
+    """End central, and with it this connection. With *keep* the run continues at the next start."""
+
+    keep: bool = False
+
+
+_OfRuns = WaitUntilHandled | GoOn | EndCentral
+_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask
 _OfMessages = Send | Reply | Replies | Fail | Recalled | GiveUp | Await | AwaitAny
 _OfTasks = Constrain | AwaitPoint | Kill | Retry | Suspend | Deadline | Inspect | Keep
 _OfStates = ChangeState | Observe
@@ -461,7 +471,8 @@ _OfMonitors = Tap | Fire | EndMonitor
 _OfResources = Lock | Unlock | Release | GetVariable | SetVariable
 _OfDirectMessages = Noted | WatchEntrance
 ToCentral = (
-    _OfConnections
+    _OfRuns
+    | _OfConnections
     | _OfMessages
     | _OfTasks
     | _OfStates

@@ -68,6 +68,12 @@ def listed(names: Sequence[str], more: int = 0, *, named: int = _MOST_NAMES) -> 
     return f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else "".join(parts)
 
 
+def ordinal(number: int) -> str:
+    """Return ``1st``, ``2nd``, ``3rd``, ``11th``."""
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number:,}{'th' if 10 < number % 100 < 14 else ending}"
+
+
 def numbered(name: str, number: int) -> str:
     """Return a task, message or lock: ``grip {24}``."""
     return f"{name} {{{number}}}" if number else name

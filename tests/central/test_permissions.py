@@ -81,6 +81,7 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "lock": (lambda _: headers.Lock(ROGUE, "boss"), one_of("lock boss.boss")),
     "unlock": (lambda _: headers.Unlock(ROGUE, "boss"), one_of("administer unlock")),
     "go on": (lambda _: headers.GoOn(ROGUE), one_of("administer resume")),
+    "end central": (lambda _: headers.EndCentral(ROGUE), one_of("administer stop")),
     "set": (lambda _: headers.SetVariable(ROGUE, "speed"), one_of("send speed")),
     "get": (lambda _: headers.GetVariable(ROGUE, "speed"), one_of("send speed", "handle speed")),
     "report": (lambda _: Noted([Note("note", "boss", 0, 1, 0.0, 0.0)]), one_of("handle note")),

@@ -5,6 +5,7 @@ import errno
 import os
 import re
 import shutil
+import signal
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -199,6 +200,39 @@ def test_resume_hold_starts_no_task_until_resumed(robot: Robot, user: Client) ->
     assert "central was restarted, and starts no tasks yet" in output
     assert tca("resume", "--central", robot.central.address).stdout == "tasks start again\n"
     assert step.result(timeout=20) == 4
+
+
+def test_kept_run_continues_after_a_planned_restart(robot: Robot, user: Client) -> None:
+    epoch, step = user.status()["epoch"], user.command(STEP, -1)
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
+    stopped = tca("central", "--stop", "--keep", "--bind", robot.central.address)
+    robot.central.stop()
+    assert (stopped.returncode, robot.central.process.returncode) == (0, 0), stopped.stderr
+    Path(f"{robot.notebook}.go").touch()
+    robot.restart()
+    assert (step.result(timeout=20), user.status()["epoch"]) == (-2, epoch)
+    endings = robot.central.facts(facts.CentralEnding, facts.CentralFailed, facts.Closed)
+    assert endings == [facts.CentralEnding("tca central", keep=True)]
+    assert robot.starts() == Counter([-1])
+
+
+def test_run_is_kept_when_sigusr1_ends_central(robot: Robot, user: Client) -> None:
+    epoch = user.status()["epoch"]
+    robot.central.signal(signal.SIGUSR1)
+    assert robot.central.process.wait() == 0
+    robot.central.stop()
+    robot.restart()
+    assert (user.command(STEP, 3).result(timeout=20), user.status()["epoch"]) == (6, epoch)
+
+
+def test_central_without_inputs_refuses_to_keep_its_run(tmp_path: Path) -> None:
+    with central(tmp_path, "--no-inputs") as running:
+        kept = tca("central", "--stop", "--keep", "--bind", running.address)
+        assert (kept.returncode, running.process.poll()) == (1, None)
+        assert "--no-inputs" in kept.stderr
+        assert tca("central", "--stop", "--bind", running.address).returncode == 0
+        assert running.process.wait() == 0
+    assert running.facts(facts.Closed) == [facts.Closed("tca central")]
 
 
 def test_ended_run_is_not_continued(tmp_path: Path) -> None:

@@ -189,6 +189,7 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "unlock": {"resource": "legs", "module": None},
     "detach": {"number": 1},
     "go_on": {},
+    "end_central": {"keep": True},
     "handlers": {"message": SAY},
     "declared": {"name": "say"},
     "status": {"topic": "status", "timeout": BRIEFLY},

@@ -1,0 +1,72 @@
+"""``tca central``: the daemon, and with --stop the end of a running one."""
+
+import time
+from typing import Any
+
+import click
+
+from tca_central.__main__ import central as daemon
+from tca_module.sockets.transport import accepts_connections
+from tca_tools.errors import ToolError
+from tca_tools.live.shared import talking
+
+_ENDS_WITHIN = 10.0
+"""Seconds that central has to end."""
+_POLL_SECONDS = 0.01
+
+
+def _run(*, stop: bool, keep: bool, **options: Any) -> None:
+    """Run the daemon, or end a running one."""
+    if not stop:
+        if keep:
+            raise click.UsageError(
+                "--keep is for --stop: a new central continues a kept run anyway"
+            )
+        assert daemon.callback is not None
+        daemon.callback(**options)
+        return
+    context = click.get_current_context()
+    given = [
+        parameter.opts[-1]
+        for parameter in daemon.params
+        if parameter.name not in ("bind", None)
+        and context.get_parameter_source(str(parameter.name)) is _GIVEN
+    ]
+    if given:
+        raise click.UsageError(f"leave {given[0]} out: with --stop only --bind and --keep count")
+    _stop(options["bind"], keep=keep)
+
+
+_GIVEN = click.core.ParameterSource.COMMANDLINE
+
+
+def _stop(bind: str | None, *, keep: bool) -> None:
+    """End the central at an address, and wait until it has ended. Raises ToolError."""
+    with talking("central", bind) as client:
+        address = client.address
+        client.end_central(keep=keep)
+    until = time.monotonic() + _ENDS_WITHIN
+    while accepts_connections(address):
+        if time.monotonic() > until:
+            raise ToolError(
+                f"central at {address} has not ended within {_ENDS_WITHIN:g} s: kill it"
+            )
+        time.sleep(_POLL_SECONDS)
+    fate = "is kept, and continues when central starts again" if keep else "is over"
+    click.echo(f"central at {address} has ended; its run {fate}")
+
+
+central = click.Command(
+    "central",
+    callback=_run,
+    params=[
+        *daemon.params,
+        click.Option(["--stop"], is_flag=True, help="End the central at --bind instead."),
+        click.Option(
+            ["--keep"],
+            is_flag=True,
+            help="With --stop: keep the run. It continues at the next start.",
+        ),
+    ],
+    help=daemon.help,
+)
