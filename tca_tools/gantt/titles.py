@@ -3,10 +3,10 @@
 from tca_tools.explain.wait_words import named_waits
 from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.failure import Failure
 from tca_tools.journal.fates import describe_asker, failing
 from tca_tools.journal.records import (
     Claim,
-    Failure,
     HandlerWait,
     Handling,
     LifeChange,

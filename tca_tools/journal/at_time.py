@@ -13,12 +13,12 @@ from operator import attrgetter, itemgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from tca_tools.journal.coordinators import STANDINGS, sent_by_coordinator, tasks_of_coordinator
+from tca_tools.journal.failure import Failure
 from tca_tools.journal.fates import is_watching, standing
 from tca_tools.journal.lives import Life, life_at
 from tca_tools.journal.records import (
     OVER,
     Claim,
-    Failure,
     HandlerWait,
     Handling,
     Hold,

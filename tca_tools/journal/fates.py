@@ -16,11 +16,10 @@ from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
+from tca_tools.journal.failure import NO_FAILURE, Failure
 from tca_tools.journal.records import (
     DONE,
-    NO_FAILURE,
     OVER,
-    Failure,
     Handling,
     Message,
     Task,

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from math import inf, nextafter
 from sys import intern
 
+from tca_tools.journal.failure import Failure
 from tca_tools.journal.fold_records import RecordFold
 from tca_tools.journal.journals import Log
 from tca_tools.journal.records import (
     PLACES_OF,
     Claim,
     Drop,
-    Failure,
     HandlerWait,
     Handling,
     Hold,

@@ -7,12 +7,11 @@ fold.py.
 from collections.abc import Iterator
 from math import inf
 
+from tca_tools.journal.failure import NO_FAILURE, Failure
 from tca_tools.journal.lives import effect_of
 from tca_tools.journal.records import (
-    NO_FAILURE,
     Claim,
     Exhausted,
-    Failure,
     HandlerWait,
     Handling,
     Hold,

@@ -1,8 +1,8 @@
 """The records of a run: messages, tasks, and the runs of handlers. Plain data, filled by the fold.
 
 Many records are spans: they have a start, and an end once they are over. The spans of one thing
-are listed oldest first. A run may have millions of records, mostly with empty lists. All empty
-lists are the one object ``NONE``. ``appended`` returns a new sequence for the first element.
+are listed oldest first. All empty lists are the one object ``NONE``, because a run may have
+millions. ``appended`` returns a new sequence for the first element.
 """
 
 from bisect import bisect_left, bisect_right
@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
 from operator import attrgetter
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
+from tca_tools.journal.failure import NO_FAILURE, Failure
 from tca_tools.journal.overwriting import Changes, Overwritten
 from tca_tools.journal.sequences import NONE, SHORT, Span, appended
 from tca_wire.constraints import Constraint
@@ -159,7 +160,7 @@ class Handling(Span):
     """Whether it ran in a slot while another handler there waited."""
     priority: int = 0
     transition: str = ""
-    """The transition by which its handler ended the task; "" for the usual one."""
+    """The transition with which it ended the task ("": the usual one)."""
 
 
 @dataclass(slots=True)
@@ -202,23 +203,6 @@ class Offer(Span):
     """When it withdrew the handler, or left."""
     accepts: bool = False
     """Whether its handler accepts tasks explicitly, rather than by being called."""
-
-
-class Failure(str):
-    """A failure as text: its *name* and its description, *words*; empty if there is no failure."""
-
-    __slots__ = ("name", "words")
-    name: str
-    words: str
-
-    def __new__(cls, name: str = "", words: str = "") -> Self:
-        """Make the text ``name: words``."""
-        self = super().__new__(cls, f"{name}: {words}" if words else name)
-        self.name, self.words = name, words
-        return self
-
-
-NO_FAILURE = Failure()
 
 
 class Raised(NamedTuple):

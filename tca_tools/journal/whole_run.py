@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from math import inf
 from typing import Any
 
+from tca_tools.journal.failure import NO_FAILURE, Failure
 from tca_tools.journal.records import (
-    NO_FAILURE,
     Claim,
     Drop,
     Exhausted,
-    Failure,
     HandlerWait,
     Handling,
     Message,

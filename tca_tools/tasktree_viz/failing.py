@@ -11,6 +11,7 @@ from tca_tools.explain.story import NOT_HANDLED
 from tca_tools.explain.wait_words import age_of, in_the_end, named_waits_now, shown_waits, verb_of
 from tca_tools.explain.waits import killed_at
 from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.failure import Failure
 from tca_tools.journal.fates import (
     ENDED_TASKS,
     UNDECIDED,
@@ -19,7 +20,12 @@ from tca_tools.journal.fates import (
     is_reported,
     retried_ancestor,
 )
-from tca_tools.journal.records import DONE, OVER, Failure, Message, Task
+from tca_tools.journal.records import (
+    DONE,
+    OVER,
+    Message,
+    Task,
+)
 from tca_tools.journal.whole_run import Run
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId

@@ -14,6 +14,14 @@ import msgspec
 from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
 from tca_wire.journal.fact import BaseFact, MonitorFact, NumberedFact, TaskFact, WaitFact
+from tca_wire.journal.run_facts import CentralEnding as CentralEnding
+from tca_wire.journal.run_facts import CentralFailed as CentralFailed
+from tca_wire.journal.run_facts import CentralRestarted as CentralRestarted
+from tca_wire.journal.run_facts import Closed as Closed
+from tca_wire.journal.run_facts import DiskSpace as DiskSpace
+from tca_wire.journal.run_facts import Opened as Opened
+from tca_wire.journal.run_facts import Shortened as Shortened
+from tca_wire.journal.run_facts import WentOn as WentOn
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import (
     CENTRAL,
@@ -33,66 +41,6 @@ OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30,000 years: no entry is later
 EntryNumber = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
-
-
-# --- the journal ----------------------------------------------------------------------------------
-
-
-class Opened(BaseFact, frozen=True, tag="opened"):
-    """A segment starts. The times of its entries count from *began*, in seconds since 1970."""
-
-    version: int
-    epoch: str
-    segment: int
-    began: float
-    central: str
-
-
-class Shortened(BaseFact, frozen=True, tag="shortened"):
-    """The facts about tasks and messages that had ended by *until* were removed."""
-
-    until: float
-
-
-class Closed(BaseFact, frozen=True, tag="closed"):
-    """Central ended normally."""
-
-    why: str
-
-
-class CentralFailed(BaseFact, frozen=True, tag="broke"):
-    """Central ended by an internal error. If the run continues, ``CentralRestarted`` follows."""
-
-    why: str
-
-
-class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
-    """Central was down. No task starts until the awaited connections are back or lost."""
-
-    away: float  #: the wall-clock seconds that it was down (0: not known)
-    awaited: int  #: the number of awaited connections
-    hold: bool = False  #: tasks start only when a module allows it
-    may_lack: bool = False  #: the last inputs before a power cut may be missing
-    aside: int = 0  #: the number of journal entries of these inputs; they were set aside
-
-
-class WentOn(BaseFact, frozen=True, tag="went on"):
-    """Tasks start again after a restart: no connection is awaited, or module *by* asked for it."""
-
-    by: str = ""
-
-
-class CentralEnding(BaseFact, frozen=True, tag="ending"):
-    """A module ended central. With *keep* the run continues at the next start."""
-
-    by: str
-    keep: bool
-
-
-class DiskSpace(BaseFact, frozen=True, tag="disk"):
-    """The journal's disk is nearly full (*is_low*), so new tasks are refused; or has room again."""
-
-    is_low: bool
 
 
 # --- modules --------------------------------------------------------------------------------------

@@ -2,8 +2,8 @@
 
 The field order is the wire order. A header travels with a body of opaque bytes: user data as
 MessagePack, which central never decodes. First come the headers that modules send, then those of
-central. routes.py has the headers about direct messages, and changes.py those about the states of
-tasks. docs/protocol.md has the bytes.
+central. routes.py has the headers about direct messages, changes.py those about states of tasks,
+and resources.py those about locks and variables. docs/protocol.md has the bytes.
 
 ``number`` counts a connection's requests. The answer to a request has the number of the request. A
 request with number 0 wants no answer. ``origin`` is the delivery whose handler sends the request
@@ -31,6 +31,11 @@ from tca_wire.packets.parts import (
     WatchOptions,
     WireArray,
 )
+from tca_wire.packets.resources import GetVariable as GetVariable
+from tca_wire.packets.resources import Lock as Lock
+from tca_wire.packets.resources import Release as Release
+from tca_wire.packets.resources import SetVariable as SetVariable
+from tca_wire.packets.resources import Unlock as Unlock
 from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Noted, Route, WatchEntrance
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
@@ -328,35 +333,6 @@ class Inspect(OfTask, frozen=True, tag=19):
     """Only tasks of this message ("": of any)."""
 
 
-class Lock(Numbered, frozen=True, tag=23):
-    """Lock a resource against all messages or (*reserve*) those of other modules.
-
-    Answered when granted. The claim ends when this request is given up, when the task or message
-    *origin* has ended, or with the connection.
-    """
-
-    resource: str
-    module: str = ""
-    """The resource's module; "" if only one module has a resource of that name."""
-    reserve: bool = False
-    origin: int = 0
-    timeout: float = -1
-    """Seconds to wait; then the answer is the failure "timeout" (negative: no limit)."""
-    priority: int = 0
-    blocking: bool = False
-    """The sender's connection does nothing else until the answer arrives."""
-    brief: bool = False
-    """As in Send."""
-
-
-class Unlock(Numbered, frozen=True, tag=24):
-    """Take a lock or reservation from its holder. Accepted has id 0 if it had no holder."""
-
-    resource: str
-    module: str = ""
-    origin: int = 0
-
-
 class Tap(Numbered, frozen=True, tag=64):
     """Send *listener* with the tapped data whenever the condition holds for a message or a task.
 
@@ -413,30 +389,6 @@ class AwaitAny(OfDelivery, frozen=True, tag=27):
     """
 
     requests: Annotated[list[int], MANY]
-
-
-class Release(Numbered, frozen=True, tag=28):
-    """Release the claim of Lock *request*. Accepted has id 0 if the sender had lost it."""
-
-    request: int
-    origin: int = 0
-
-
-class GetVariable(Numbered, frozen=True, tag=20):
-    """Get a variable. The body of the Answer is its value, empty if it was never set."""
-
-    variable: str
-
-
-class SetVariable(Numbered, frozen=True, tag=21):
-    """Set a variable to the value in the body.
-
-    Answered by Accepted or, with *swap*, by the previous value, as for GetVariable.
-    """
-
-    variable: str
-    origin: int = 0
-    swap: bool = False
 
 
 class WaitUntilHandled(Numbered, frozen=True, tag=22):

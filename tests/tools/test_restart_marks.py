@@ -17,6 +17,7 @@ from tca_tools.journal.records import Restart
 from tca_tools.report.__main__ import report
 from tca_tools.tasktree_viz import words
 from tca_wire.journal import facts
+from tca_wire.points import TaskId
 from tca_wire.text.measures import ordinal
 
 
@@ -71,7 +72,7 @@ def test_tree_names_the_attempt_at_each_time() -> None:
     built = Story().module("legs", "move")
     move = built.command("move", "user")
     for time in (1.0, 2.0):
-        built.at(time).say(facts.Retried(move, b"", "expert"))
+        built.at(time).say(facts.Retried(TaskId(move), b"", "expert"))
     history = built.at(3.0).fold()
     labels = [words.called(RunAt(history, time).tasks[move]) for time in (0.5, 1.0, 2.5)]
     assert labels == ["move {1}", "move {1} (2nd try)", "move {1} (3rd try)"]

@@ -1,0 +1,60 @@
+"""The facts about a run as a whole: its start, its ends, and its journal. See facts.py."""
+
+from tca_wire.journal.fact import BaseFact
+
+
+class Opened(BaseFact, frozen=True, tag="opened"):
+    """A segment starts. The times of its entries count from *began*, in seconds since 1970."""
+
+    version: int
+    epoch: str
+    segment: int
+    began: float
+    central: str
+
+
+class Shortened(BaseFact, frozen=True, tag="shortened"):
+    """The facts about tasks and messages that had ended by *until* were removed."""
+
+    until: float
+
+
+class Closed(BaseFact, frozen=True, tag="closed"):
+    """Central ended normally."""
+
+    why: str
+
+
+class CentralFailed(BaseFact, frozen=True, tag="broke"):
+    """Central ended by an internal error. If the run continues, ``CentralRestarted`` follows."""
+
+    why: str
+
+
+class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
+    """Central was down. No task starts until the awaited connections are back or lost."""
+
+    away: float  #: the wall-clock seconds that it was down (0: not known)
+    awaited: int  #: the number of awaited connections
+    hold: bool = False  #: tasks start only when a module allows it
+    may_lack: bool = False  #: the last inputs before a power cut may be missing
+    aside: int = 0  #: the number of journal entries of these inputs; they were set aside
+
+
+class WentOn(BaseFact, frozen=True, tag="went on"):
+    """Tasks start again after a restart: no connection is awaited, or module *by* asked for it."""
+
+    by: str = ""
+
+
+class CentralEnding(BaseFact, frozen=True, tag="ending"):
+    """A module ended central. With *keep* the run continues at the next start."""
+
+    by: str
+    keep: bool
+
+
+class DiskSpace(BaseFact, frozen=True, tag="disk"):
+    """The journal's disk is nearly full (*is_low*), so new tasks are refused; or has room again."""
+
+    is_low: bool
