@@ -20,12 +20,15 @@ Function = Callable[..., Any]
 _NOT_EXPLORED = frozenset(
     (
         "after",
+        "arun",
         "central",
         "every",
+        "handles_on_loop",
         "observes",
         "on_readable",
         "run",
         "running",
+        "running_async",
         "serve",
         "stop",
         "stopping",
