@@ -111,6 +111,7 @@ class Central(State):
                 lambda displaced: replying.report_displaced(self, *displaced),
             ),
             _output(self.dispatcher.stranded, partial(failures.skip_exception_handler, self)),
+            _output(self.dispatcher.lending.to_lend, partial(waiting.lend, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 

@@ -8,6 +8,7 @@ from tca_central.model.intervals import checked_moment
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
+from tca_central.order.lending import task_to_lend
 from tca_central.outgoing.availability import end_presence_wait
 from tca_central.requests.replying import end_collector
 from tca_central.state import Collector, State, TaskWait, dropped_fact
@@ -43,6 +44,7 @@ def on_await_point(
         central.agenda.add_waiter(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
+            central.dispatcher.lending.to_lend.append(connection)
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
@@ -81,6 +83,7 @@ def _begin_waits(
         central.block(
             connection, header.request, awaited[0].origin, brief=brief, others=header.others
         )
+        central.dispatcher.lending.to_lend.append(connection)
 
 
 def on_await_any(
@@ -96,6 +99,7 @@ def on_await_any(
     is_handled = delivery is not None and delivery.slot is connection
     if numbers and is_handled and all(_may_await(connection, number) for number in numbers):
         central.block_coroutine(connection, numbers, header.delivery)
+        central.dispatcher.lending.to_lend.append(connection)
 
 
 def _may_await(connection: Connection, number: int) -> bool:
@@ -105,6 +109,37 @@ def _may_await(connection: Connection, number: int) -> bool:
         isinstance(due, Observation) and due.is_awaited
     )
     return is_due and number not in connection.waits
+
+
+# --- tasks within waits ---------------------------------------------------------------------------
+
+
+def lend(central: State, slot: Connection) -> None:
+    """Have a slot handle a queued task within the wait of its handler, if the wait needs the task.
+
+    If the slot's handlers have all returned, and reply later, any task below them will do.
+    """
+    dispatcher = central.dispatcher
+    if slot.resource is None or not slot.resource.lendable or dispatcher.are_tasks_paused:
+        return
+    handler = dispatcher.lending.handler_in(slot)
+    awaited = _awaited_tasks(slot, handler) if handler is not None else None
+    if (task := task_to_lend(slot, awaited)) is not None:
+        dispatcher.lend(task, slot)
+
+
+def _awaited_tasks(slot: Connection, handler: Delivery) -> set[int]:
+    """Return the ids of the tasks for which a slot's newest handler waits."""
+    begun_in, found = slot.handling[handler], set()
+    for number, wait in (*slot.waits.items(), *slot.unchecked_waits.items()):
+        is_its_own = wait.origin == handler.handling_id if wait.is_coroutine else True
+        if is_its_own and wait.since > begun_in:
+            due = slot.outstanding.get(number)
+            if isinstance(due, TaskWait):
+                found.add(due.task_id)
+            elif isinstance(due, Observation):
+                found.add(due.task_id or due.below)
+    return found
 
 
 # --- give up --------------------------------------------------------------------------------------
