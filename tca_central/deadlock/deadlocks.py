@@ -205,8 +205,12 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
 
     Returns False if nothing was done (see ``_raise_or_revoke``).
     """
-    if _lend(central, cycle):
-        return True
+    if (lent := _find_to_lend(central, cycle)) is not None:
+        task, slot = lent
+        # A handler within the wait may be at work. Its own wait or end starts the next search.
+        if is_waiting := bool(central.dispatcher.lending.waits_of(slot)):
+            central.dispatcher.lend(task, slot)
+        return is_waiting
     text = describe(central, cycle)
     waits = [node for node in cycle if isinstance(node, Waiting)]
     claims = (node.claim for node in cycle if isinstance(node, Releasing))
@@ -228,11 +232,11 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     return True
 
 
-def _lend(central: State, cycle: list[Node]) -> bool:
-    """Have a slot of a cycle handle a task that waits for this slot, within its handler's wait.
+def _find_to_lend(central: State, cycle: list[Node]) -> tuple[Task, Connection] | None:
+    """Return a task that waits for a slot of a cycle, and this slot; None if there is no such task.
 
-    Returns False if there is no such task. Other messages are no help: a handler expects none of
-    other modules during its wait.
+    The slot can handle the task within its handler's wait. It does so for no other message: a
+    handler expects no message of others during its wait.
     """
     queued: Delivery | None = None
     for node, following in pairwise([*cycle, *cycle, cycle[0]]):
@@ -249,14 +253,13 @@ def _lend(central: State, cycle: list[Node]) -> bool:
                     and resource in (queued.queues or ())
                     and may_be_lent(slot, resource)
                 ):
-                    central.dispatcher.lend(queued, slot)
-                    return True
+                    return queued, slot
                 queued = None
             case Freeing() | Granting():
                 pass
             case _:
                 queued = None
-    return False
+    return None
 
 
 def _since(wait: Waiting) -> int:

@@ -25,6 +25,7 @@ from tca_central.needs.graph import (
     Turn,
     TurnAt,
     Waiting,
+    is_within,
     needs,
     reached_together,
 )
@@ -235,11 +236,10 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
 def _waits_of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
     """Yield the waits in which a delivery's handler blocks, and those of handlers nested in it."""
     slot = delivery.slot
-    if slot is None:
+    if slot is None or delivery in central.dispatcher.lending.postponed:
         return
-    begun_in = slot.handling[delivery]
     for number, wait in chain(slot.waits.items(), slot.unchecked_waits.items()):
-        is_nested = wait.since > begun_in
+        is_nested = is_within(central, wait, delivery)
         if wait.origin == delivery.handling_id if wait.is_coroutine else is_nested:
             yield from _waits_of_request(central, slot, number, is_first=False)
 

@@ -50,6 +50,15 @@ class Lending(Stored):
                 return delivery
         return None
 
+    def waits_of(self, slot: Connection) -> list[int]:
+        """Return the requests whose answers hold back the newest handler of a slot, if any."""
+        handler = self.handler_in(slot)
+        return [
+            number
+            for number, wait in (*slot.waits.items(), *slot.unchecked_waits.items())
+            if handler is not None and wait.origin == handler.handling_id
+        ]
+
 
 def may_be_lent(slot: Connection, resource: ModuleResource) -> bool:
     """Whether a slot of a resource may handle one more delivery in the wait of its handler."""

@@ -122,24 +122,13 @@ def lend(central: State, slot: Connection) -> None:
     dispatcher = central.dispatcher
     if slot.resource is None or not slot.resource.lendable or dispatcher.are_tasks_paused:
         return
-    handler = dispatcher.lending.handler_in(slot)
-    awaited = _awaited_tasks(slot, handler) if handler is not None else None
+    awaited: set[int] | None = None
+    if dispatcher.lending.handler_in(slot) is not None:
+        due = [slot.outstanding.get(number) for number in dispatcher.lending.waits_of(slot)]
+        awaited = {one.task_id for one in due if isinstance(one, TaskWait)}
+        awaited.update(one.task_id or one.below for one in due if isinstance(one, Observation))
     if (task := task_to_lend(slot, awaited)) is not None:
         dispatcher.lend(task, slot)
-
-
-def _awaited_tasks(slot: Connection, handler: Delivery) -> set[int]:
-    """Return the ids of the tasks for which a slot's newest handler waits."""
-    begun_in, found = slot.handling[handler], set()
-    for number, wait in (*slot.waits.items(), *slot.unchecked_waits.items()):
-        is_its_own = wait.origin == handler.handling_id if wait.is_coroutine else True
-        if is_its_own and wait.since > begun_in:
-            due = slot.outstanding.get(number)
-            if isinstance(due, TaskWait):
-                found.add(due.task_id)
-            elif isinstance(due, Observation):
-                found.add(due.task_id or due.below)
-    return found
 
 
 # --- give up --------------------------------------------------------------------------------------
