@@ -468,6 +468,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Reply: replying.on_reply,
     headers.Replies: replying.on_replies,
     headers.Fail: replying.on_fail,
+    headers.Postpone: replying.on_postpone,
     headers.Constrain: sending.on_constrain,
     headers.AwaitPoint: waiting.on_await_point,
     headers.Await: waiting.on_await,

@@ -206,10 +206,10 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     Returns False if nothing was done (see ``_raise_or_revoke``).
     """
     if (lent := _find_to_lend(central, cycle)) is not None:
-        task, slot = lent
+        queued, slot = lent
         # A handler within the wait may be at work. Its own wait or end starts the next search.
         if is_waiting := bool(central.dispatcher.lending.waits_of(slot)):
-            central.dispatcher.lend(task, slot)
+            central.dispatcher.lend(queued, slot)
         return is_waiting
     text = describe(central, cycle)
     waits = [node for node in cycle if isinstance(node, Waiting)]

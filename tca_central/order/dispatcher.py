@@ -22,7 +22,7 @@ from tca_central.model.deliveries import (
 from tca_central.model.resources import Claim, PendingLimit, Resource, rank
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import Task
-from tca_central.order.lending import Lending
+from tca_central.order.lending import Lending, own_slot
 from tca_central.order.prefetching import (
     DispatchOutput,
     Prefetcher,
@@ -250,6 +250,20 @@ class Dispatcher(Stored):
             resource.busy += seconds
             record_run(resource, took or seconds)
             self.to_refill.append((resource, slot))
+
+    def postpone(self, delivery: Delivery, *, frees_slot: bool) -> None:
+        """Record that a handler has returned, and replies later.
+
+        With *frees_slot*, the delivery no longer counts for the capacity.
+        """
+        self.lending.postponed[delivery] = None
+        slot = delivery.slot
+        assert slot is not None
+        self.lending.to_lend.append(slot)
+        if frees_slot and not delivery.nested and slot.resource is not None:
+            delivery.nested = True
+            slot.resource.busy += self._clock.now - delivery.since
+            self.to_refill.append((slot.resource, slot))
 
     def refill_next(self) -> None:
         """Have the first resource of ``to_refill`` admit its next message or claim."""
@@ -579,20 +593,3 @@ def _has_unblocked_slot(resource: ModuleResource) -> bool:
         if not slot.waits:
             return True
     return not resource.slots
-
-
-def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """Return the sender of a query if it is a slot of one of *resources*; else None.
-
-    Such a slot blocks for the answer, so it must handle the query itself, nested in its wait. The
-    query ignores capacity and reservations, because otherwise the slot would wait for itself.
-    """
-    sender = delivery.sender
-    if (
-        not delivery.message.message_class.has_reply
-        or sender is None
-        or sender.resource is None
-        or sender not in sender.resource.slots
-    ):
-        return None
-    return sender if sender.resource in resources else None

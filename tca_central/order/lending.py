@@ -88,3 +88,20 @@ def task_to_lend(slot: Connection, awaited: set[int] | None) -> Task | None:
         if found is None or rank(task) < rank(found):
             found = task
     return found
+
+
+def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
+    """Return the sender of a query if it is a slot of one of *resources*; else None.
+
+    Such a slot blocks for the answer, so it must handle the query itself, nested in its wait. The
+    query ignores capacity and reservations, because otherwise the slot would wait for itself.
+    """
+    sender = delivery.sender
+    if (
+        not delivery.message.message_class.has_reply
+        or sender is None
+        or sender.resource is None
+        or sender not in sender.resource.slots
+    ):
+        return None
+    return sender if sender.resource in resources else None

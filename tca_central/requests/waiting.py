@@ -127,6 +127,8 @@ def lend(central: State, slot: Connection) -> None:
         due = [slot.outstanding.get(number) for number in dispatcher.lending.waits_of(slot)]
         awaited = {one.task_id for one in due if isinstance(one, TaskWait)}
         awaited.update(one.task_id or one.below for one in due if isinstance(one, Observation))
+    elif slot.has_room:
+        return  # it is free, or about to be
     if (task := task_to_lend(slot, awaited)) is not None:
         dispatcher.lend(task, slot)
 

@@ -238,6 +238,13 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     """The time at which its handler started, if before this entry: the message was prefetched."""
 
 
+class Postponed(NumberedFact, frozen=True, tag="postponed"):
+    """The handler of a delivery has returned, and replies later."""
+
+    frees_slot: bool = False
+    """Its slot may handle any message; otherwise only tasks below this delivery."""
+
+
 class Returned(NumberedFact, frozen=True, tag="returned"):
     """The handler of a delivery ended; the body is its reply or result, or its failure's data."""
 
@@ -553,7 +560,7 @@ _OfRuns = Opened | Shortened | Closed | CentralFailed | CentralRestarted | WentO
 _OfModules = ModuleJoined | ModuleLeft | ResourceChanged | Recalling
 _OfDeclarations = FormatDefined | HandlerAdded | HandlerRemoved
 _OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored
-_OfMessages = Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped
+_OfMessages = Received | Queued | Unqueued | Delivered | Postponed | Returned | Answered | Dropped
 _OfDirectMessages = HandledDirectly | LostDirectly
 _OfTasks = Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
 _OfStates = SuspendedOrResumed | StateChanged | Kept | Released

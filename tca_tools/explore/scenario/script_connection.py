@@ -152,6 +152,7 @@ class ScriptConnection:
         self._callbacks: deque[Callable[[], None]] = deque()
         #: Adds a function that ``run_requested_calls`` calls.
         self.call_soon = self._callbacks.append
+        self.frees_slot = False  #: whether the slot handles other messages until the owed reply
         self._owed: Any = None  #: the reply that the handler owed, once the script has sent it
         #: The step or decision at which the run ended, or is about to end.
         self.stopped: StepReached | DecisionReached | None = None
@@ -282,6 +283,10 @@ class ScriptConnection:
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """Store the owed reply."""
         self._owed = header, body
+
+    def postpone(self, header: headers.Postpone) -> None:
+        """Store how the slot is used until the owed reply."""
+        self.frees_slot = header.frees_slot
 
     def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
         """Return the owed reply, once it is stored.
