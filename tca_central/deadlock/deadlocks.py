@@ -85,9 +85,7 @@ class DeadlockScan:
 
 
 def check_suspects(central: State) -> None:
-    """Check whether new waits can ever end."""
-    if not central.search_delay:
-        central.suspects.clear()
+    """Check whether new waits can ever end. Without searches for deadlocks, only lend slots."""
     search: Search | None = None
     try:
         while central.suspects:
@@ -211,6 +209,8 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
         if is_waiting := bool(central.dispatcher.lending.waits_of(slot)):
             central.dispatcher.lend(queued, slot)
         return is_waiting
+    if not central.search_delay:
+        return False
     text = describe(central, cycle)
     waits = [node for node in cycle if isinstance(node, Waiting)]
     claims = (node.claim for node in cycle if isinstance(node, Releasing))

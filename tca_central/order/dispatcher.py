@@ -21,7 +21,6 @@ from tca_central.model.deliveries import (
 )
 from tca_central.model.resources import Claim, PendingLimit, Resource, rank
 from tca_central.model.stored import Stored
-from tca_central.model.tasks import Task
 from tca_central.order.lending import Lending, own_slot
 from tca_central.order.prefetching import (
     DispatchOutput,
@@ -151,8 +150,7 @@ class Dispatcher(Stored):
             if resource.prefetched:
                 self.prefetcher.recall_if_overtaken(resource, delivery)
             may_wait_for_ever = may_wait_for_ever and not _has_unblocked_slot(resource)
-        if isinstance(delivery, Task):
-            self.lending.add(delivery, resources)
+        self.lending.add(delivery, resources)
         if may_wait_for_ever:  # other deliveries are no suspects: a search is expensive
             self._suspects.append(delivery)
         first = resources[0]
@@ -398,6 +396,7 @@ class Dispatcher(Stored):
         """Have a resource admit what was kept out: in free slots, and within waits."""
         self.to_refill.append((resource, None))
         self.lending.to_lend.extend(dict.fromkeys(resource.lendable.values()))
+        self._suspects.extend(resource.lendable)
 
     # --- claims -----------------------------------------------------------------------------------
 

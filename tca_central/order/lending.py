@@ -33,12 +33,12 @@ class Lending(Stored):
         #: Slots that may have become able to handle a task below one of their deliveries.
         self.to_lend: deque[Connection] = deque()
 
-    def add(self, task: Task, resources: tuple[ModuleResource, ...]) -> None:
+    def add(self, queued: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Note a queued task at the slot of *resources* that handles its nearest such ancestor."""
-        for above in task.lineage():
+        for above in queued.lineage() if isinstance(queued, Task) else ():
             slot = above.slot
             if slot is not None and slot.resource in resources:
-                slot.resource.lendable[task] = slot
+                slot.resource.lendable[queued] = slot
                 if slot.waits or slot.unchecked_waits or above in self.postponed:
                     self.to_lend.append(slot)
                 return

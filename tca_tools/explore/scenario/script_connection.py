@@ -305,7 +305,7 @@ class ScriptConnection:
         return self._owed or self.owed()
 
     def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
-        self.kept, got = None, self.do(steps.OweReply())
+        self.kept, got = None, self.do(steps.OweReply(self.frees_slot))
         later.module_ends() if got.module_ends else then(later, got.words)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
