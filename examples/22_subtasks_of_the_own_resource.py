@@ -21,7 +21,7 @@ def walk(task: Task, steps: int) -> None:
 
 
 @legs.handles(STEP)
-def step(task: Task, number: int) -> None:
+def step(_: Task, number: int) -> None:
     print("step", number)
 
 
@@ -32,7 +32,7 @@ def stand(task: Task) -> LaterReply[None]:
 
 
 @legs.handles(PHOTO)
-def photo(task: Task) -> None:
+def photo(_: Task) -> None:
     print("photo while standing")
     standing[0].reply()
 

@@ -14,7 +14,7 @@ STOPPED = Inform("stopped")
 
 
 def test_handler_that_waits_for_its_own_resource_ends() -> None:
-    scenario = tca.Scenario("spawn with wait", never_stuck(), eventually(has_ended(WALK, True)))
+    scenario = tca.Scenario("spawn with wait", never_stuck(), eventually(has_ended(WALK)))
     legs, user = scenario.module("legs"), scenario.module("user")
 
     @legs.handles(WALK)
@@ -22,7 +22,7 @@ def test_handler_that_waits_for_its_own_resource_ends() -> None:
         task.command(STEP, False)
         task.command(STEP, True).wait()
 
-    legs.handles(STEP)(lambda task, is_last: None)
+    legs.handles(STEP)(lambda _, __: None)
 
     @user.does
     def use(me: tca.Script) -> None:
@@ -35,7 +35,7 @@ def test_handler_that_waits_for_its_own_resource_ends() -> None:
 @pytest.mark.parametrize("frees_slot", [False, True])
 def test_task_below_a_postponed_handler_ends(*, frees_slot: bool) -> None:
     """The sensor gets its message from the last step, so the reply comes after that step."""
-    scenario = tca.Scenario("postponed", never_stuck(), eventually(has_ended(WALK, True)))
+    scenario = tca.Scenario("postponed", never_stuck(), eventually(has_ended(WALK)))
     legs, user = scenario.module("legs"), scenario.module("user")
 
     @legs.handles(WALK)
