@@ -59,35 +59,35 @@ class Lending(Stored):
             if handler is not None and wait.origin == handler.handling_id
         ]
 
+    @staticmethod
+    def task_to_lend(slot: Connection, awaited: set[int] | None) -> Task | None:
+        """Return the first queued task below a delivery of a slot that may go to the slot.
+
+        With *awaited*, the task is one of these tasks, or stands below one.
+        """
+        resource = slot.resource
+        if resource is None or not resource.lendable or not may_be_lent(slot, resource):
+            return None
+        found: Task | None = None
+        compared = 0
+        for task, owner in resource.lendable.items():
+            if owner is not slot or not isinstance(task, Task):
+                continue
+            if awaited is not None:
+                compared += 1
+                if compared > _MOST_COMPARED:
+                    break
+                if not any(task.find_above(number) is not None for number in awaited):
+                    continue
+            if found is None or rank(task) < rank(found):
+                found = task
+        return found
+
 
 def may_be_lent(slot: Connection, resource: ModuleResource) -> bool:
     """Whether a slot of a resource may handle one more delivery in the wait of its handler."""
     is_busy = slot in resource.slots and not resource.is_free(slot)
     return is_busy and not resource.is_locked and len(slot.handling) < MOST_IN_SLOT
-
-
-def task_to_lend(slot: Connection, awaited: set[int] | None) -> Task | None:
-    """Return the first queued task that stands below a delivery of a slot, and may go to the slot.
-
-    With *awaited*, the task is one of these tasks, or stands below one.
-    """
-    resource = slot.resource
-    if resource is None or not resource.lendable or not may_be_lent(slot, resource):
-        return None
-    found: Task | None = None
-    compared = 0
-    for task, owner in resource.lendable.items():
-        if owner is not slot or not isinstance(task, Task):
-            continue
-        if awaited is not None:
-            compared += 1
-            if compared > _MOST_COMPARED:
-                break
-            if not any(task.find_above(number) is not None for number in awaited):
-                continue
-        if found is None or rank(task) < rank(found):
-            found = task
-    return found
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:

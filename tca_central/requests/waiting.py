@@ -8,7 +8,6 @@ from tca_central.model.intervals import checked_moment
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
-from tca_central.order.lending import task_to_lend
 from tca_central.outgoing.availability import end_presence_wait
 from tca_central.requests.replying import end_collector
 from tca_central.state import Collector, State, TaskWait, dropped_fact
@@ -129,7 +128,7 @@ def lend(central: State, slot: Connection) -> None:
         awaited.update(one.task_id or one.below for one in due if isinstance(one, Observation))
     elif slot.has_room:
         return  # it is free, or about to be
-    if (task := task_to_lend(slot, awaited)) is not None:
+    if (task := dispatcher.lending.task_to_lend(slot, awaited)) is not None:
         dispatcher.lend(task, slot)
 
 

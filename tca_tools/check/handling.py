@@ -70,7 +70,8 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     item.is_within_wait = fact.is_nested
     _check_destination(world, item, place)
     is_nested = _is_from_inside(item, place) or fact.is_nested
-    if is_nested and not (_is_from_inside(item, place) or place.running or place.nested):
+    is_alone = not (_is_from_inside(item, place) or place.running or place.nested)
+    if is_nested and is_alone and world.is_whole:
         what = f"was given to {place_in_words(place)} within a wait, but no handler was there"
         world.report(rules.CAPACITY, item, what)
     (place.nested if is_nested else place.running)[item.handling_id] = item

@@ -229,10 +229,8 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     message_id: int
     module: str
     resource: str
-    slot: int = 0
-    """The number of the resource's slot that has it, from 1."""
-    is_nested: bool = False
-    """The slot handles it while the slot's other message waits."""
+    slot: int = 0  #: the number of the resource's slot that has it, from 1
+    is_nested: bool = False  #: whether the slot handles it while the slot's other message waits
     priority: int = 0
     began: float = 0
     """The time at which its handler started, if before this entry: the message was prefetched."""
@@ -241,8 +239,7 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
 class Postponed(NumberedFact, frozen=True, tag="postponed"):
     """The handler of a delivery has returned, and replies later."""
 
-    frees_slot: bool = False
-    """Its slot may handle any message; otherwise only tasks below this delivery."""
+    frees_slot: bool = False  #: whether its slot handles any message, not only tasks below it
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
