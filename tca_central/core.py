@@ -111,6 +111,7 @@ class Central(State):
                 lambda displaced: replying.report_displaced(self, *displaced),
             ),
             _output(self.dispatcher.stranded, partial(failures.skip_exception_handler, self)),
+            _output(self.dispatcher.lending.to_lend, partial(waiting.lend, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
@@ -476,6 +477,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Reply: replying.on_reply,
     headers.Replies: replying.on_replies,
     headers.Fail: replying.on_fail,
+    headers.Postpone: replying.on_postpone,
     headers.Constrain: sending.on_constrain,
     headers.AwaitPoint: waiting.on_await_point,
     headers.Await: waiting.on_await,

@@ -159,7 +159,8 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     handling_id, name = delivery.handling_id, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        return headers.Deliver(handling_id, name, delivery.id, context, delivery.suspended)
+        suspended, own = delivery.suspended, delivery.nested
+        return headers.Deliver(handling_id, name, delivery.id, context, suspended, own)
     return headers.Deliver(
         handling_id, name, ROOT, context, own=_is_to_own_resource(delivery), ahead=ahead
     )

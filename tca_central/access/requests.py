@@ -266,6 +266,7 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Reply: None,
     headers.Replies: None,
     headers.Fail: None,
+    headers.Postpone: None,
     headers.Constrain: _constrain,
     headers.AwaitPoint: lambda central, connection, header: _check_see(
         central, connection, header.point.task

@@ -27,10 +27,20 @@ from tca_central.model.contexts import RaisedFailure, trouble_of
 from tca_central.model.deliveries import Connection, Delivery, ModuleClaim
 from tca_central.model.resources import Claim
 from tca_central.model.tasks import Task
-from tca_central.needs.graph import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
-from tca_central.needs.waits import wait_for_group, waits_of
+from tca_central.needs.graph import (
+    Freeing,
+    Granting,
+    Node,
+    Releasing,
+    Returning,
+    Turn,
+    TurnAt,
+    Waiting,
+)
+from tca_central.needs.waits import claim_noun, wait_for_group, waits_of
 from tca_central.order.cycles import Place
 from tca_central.order.dispatcher import Suspect
+from tca_central.order.lending import may_be_lent
 from tca_central.requests.waiting import give_up
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -75,9 +85,7 @@ class DeadlockScan:
 
 
 def check_suspects(central: State) -> None:
-    """Check whether new waits can ever end."""
-    if not central.search_delay:
-        central.suspects.clear()
+    """Check whether new waits can ever end. Without searches for deadlocks, only lend slots."""
     search: Search | None = None
     try:
         while central.suspects:
@@ -195,6 +203,14 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
 
     Returns False if nothing was done (see ``_raise_or_revoke``).
     """
+    if (lent := _find_to_lend(central, cycle)) is not None:
+        queued, slot = lent
+        # A handler within the wait may be at work. Its own wait or end starts the next search.
+        if is_waiting := bool(central.dispatcher.lending.waits_of(slot)):
+            central.dispatcher.lend(queued, slot)
+        return is_waiting
+    if not central.search_delay:
+        return False
     text = describe(central, cycle)
     waits = [node for node in cycle if isinstance(node, Waiting)]
     claims = (node.claim for node in cycle if isinstance(node, Releasing))
@@ -214,6 +230,36 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     else:
         return _raise_or_revoke(central, task_claims, search, text)
     return True
+
+
+def _find_to_lend(central: State, cycle: list[Node]) -> tuple[Task, Connection] | None:
+    """Return a task that waits for a slot of a cycle, and this slot; None if there is no such task.
+
+    The slot can handle the task within its handler's wait. It does so for no other message: a
+    handler expects no message of others during its wait.
+    """
+    queued: Delivery | None = None
+    for node, following in pairwise([*cycle, *cycle, cycle[0]]):
+        match node:
+            case Turn() | TurnAt() | Place():
+                queued = _delivery_of(central, node)
+            case Returning(handler) if isinstance(following, Waiting):
+                slot = following.connection
+                resource = slot.resource
+                if (
+                    isinstance(queued, Task)
+                    and handler.slot is slot
+                    and resource is not None
+                    and resource in (queued.queues or ())
+                    and may_be_lent(slot, resource)
+                ):
+                    return queued, slot
+                queued = None
+            case Freeing() | Granting():
+                pass
+            case _:
+                queued = None
+    return None
 
 
 def _since(wait: Waiting) -> int:
@@ -269,7 +315,7 @@ def _delivery_of(central: State, node: Node) -> Delivery | None:
     match node:
         case Place(task, _):
             return task
-        case Returning(delivery) | Turn(delivery):
+        case Returning(delivery) | Turn(delivery) | TurnAt(delivery, _):
             return delivery
         case Waiting(connection, number):
             return central.dispatcher.running.get(connection.waits[number].origin)
@@ -307,7 +353,20 @@ def describe(central: State, cycle: list[Node]) -> str:
                 f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"
             ] = None
     more = f"; and {len(sentences) - _SHOWN} more" if len(sentences) > _SHOWN else ""
-    return f"each waits for the next, in a cycle: {'; '.join([*sentences][:_SHOWN])}{more}"
+    shown = "; ".join([*sentences][:_SHOWN])
+    return f"each waits for the next, in a cycle: {shown}{more}. {_remedy(cycle)}"
+
+
+def _remedy(cycle: list[Node]) -> str:
+    """Return what a programmer can do about a cycle."""
+    for node in cycle:
+        if isinstance(node, Releasing | Granting):
+            return f"Release the {claim_noun(node.claim)} before the wait"
+    for node in cycle:
+        if isinstance(node, Freeing | TurnAt):
+            where = f"resource '{node.resource.name}' of '{node.resource.module}'"
+            return f"Give {where} one more slot, or move a handler to another resource"
+    return "Remove one of these waits or constraints"
 
 
 def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:

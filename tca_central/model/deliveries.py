@@ -526,7 +526,7 @@ class Queued(Stored):
         #: The resources in whose queues it waits; () without a handler; None: in no queue.
         self.queues: tuple[ModuleResource, ...] | None = None
         self.slot: Connection | None = None  #: the connection whose thread handles it
-        self.nested = False  #: whether it is handled inside a wait of its slot, beyond the capacity
+        self.nested = False  #: whether it is beyond the capacity: in a wait, or replied to later
 
 
 class Delivery(Queued):

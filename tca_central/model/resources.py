@@ -176,6 +176,7 @@ class Resource(Stored, Generic[S, Q]):
         "copies",
         "held_by",
         "is_recalling",
+        "lendable",
         "locked_out_queries",
         "module",
         "name",
@@ -196,6 +197,8 @@ class Resource(Stored, Generic[S, Q]):
         self.claims: dict[Claim[S, Q], None] = {}  #: waiting claims, oldest first
         #: By query that a lock keeps out: the slot of this resource that waits for the reply.
         self.locked_out_queries: dict[Q, S] = {}
+        #: By queued task: the slot of this resource that handles its nearest such ancestor.
+        self.lendable: dict[Q, S] = {}
         self.prefetched: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has prefetched and, as far as central knows, not begun.
 
@@ -301,6 +304,8 @@ class Resource(Stored, Generic[S, Q]):
         """Remove a message whose entry in the queue has become void."""
         if self.locked_out_queries:
             self.locked_out_queries.pop(message, None)
+        if self.lendable:
+            self.lendable.pop(message, None)
         if message in self.prefetched:
             del self.prefetched[message]
             return

@@ -19,6 +19,7 @@ from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim, Resource, rank
 from tca_central.model.tasks import Task
+from tca_central.model.values import Blocking
 from tca_central.order.cycles import Each, Place, predecessors
 from tca_central.state import State, TaskWait
 from tca_wire.points import (
@@ -157,26 +158,39 @@ def _next_change(task: Task) -> Node:
     return _current_node(task) or Place(task, moment)
 
 
-def _needs_of_handler(_: State, node: Returning, each: Each) -> Groups:
+def _needs_of_handler(central: State, node: Returning, each: Each) -> Groups:
     """Yield the needs of a handler: its own waits, and the waits of handlers nested in it.
 
     A coroutine needs only one of the answers that it waits for. A callback of the slot may wait
     too. Its wait does not hold back a prefetched delivery that may not have begun.
     """
     delivery, slot = node.delivery, node.delivery.slot
-    if slot is None:
+    if slot is None or delivery in central.dispatcher.lending.postponed:
         return
-    begun_in = slot.handling[delivery]
     awaited: tuple[int, ...] = ()
     for number, wait in each(slot.waits.items()):
         group = wait.together or (number,)
         if wait.is_coroutine:
             awaited = wait.together if wait.origin == delivery.handling_id else awaited
             yield None
-        elif wait.since > begun_in and (wait.origin or slot.maybe_unstarted is not delivery):
+        elif is_within(central, wait, delivery) and (
+            wait.origin or slot.maybe_unstarted is not delivery
+        ):
             yield [Waiting(slot, one) for one in group] if group[0] == number else None
     if awaited:
         yield [Waiting(slot, number) for number in awaited]
+
+
+def is_within(central: State, wait: Blocking, delivery: Delivery) -> bool:
+    """Whether a thread's wait holds back a delivery's handler: its own, or one within its waits.
+
+    An older handler of the slot may wait again before a delivery within its earlier wait begins.
+    """
+    slot = delivery.slot
+    if slot is None or wait.since <= slot.handling[delivery]:
+        return False
+    older = central.dispatcher.running.get(wait.origin)
+    return older is None or slot.handling.get(older, wait.since) >= slot.handling[delivery]
 
 
 def _needs_of_turn(_: State, node: Turn, __: Each) -> Groups:
@@ -207,7 +221,8 @@ def _needs_of_freeing(_: State, node: Freeing, __: Each) -> Groups:
 
 def _emptied(slot: Connection) -> Returning:
     """Return the node at which a slot becomes free: its oldest delivery returns."""
-    return Returning(next(iter(slot.handling)))
+    oldest = next(iter(slot.handling))
+    return Returning(next((one for one in slot.handling if not one.nested), oldest))
 
 
 def _needs_of_claim(_: State, node: Granting, each: Each) -> Groups:
@@ -219,7 +234,7 @@ def _needs_of_claim(_: State, node: Granting, each: Each) -> Groups:
     if resource.held_by is not None:
         yield [Releasing(resource.held_by)]
     for slot in (slot for copy in each(resource.copies) for slot in each(copy.slots)):
-        yield [_emptied(slot)] if slot.handling and slot is not claim.slot else None
+        yield [_emptied(slot)] if not slot.has_room and slot is not claim.slot else None
     yield from _claims_before(claim, resource, each)
 
 

@@ -25,6 +25,7 @@ from tca_central.needs.graph import (
     Turn,
     TurnAt,
     Waiting,
+    is_within,
     needs,
     reached_together,
 )
@@ -235,11 +236,10 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
 def _waits_of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
     """Yield the waits in which a delivery's handler blocks, and those of handlers nested in it."""
     slot = delivery.slot
-    if slot is None:
+    if slot is None or delivery in central.dispatcher.lending.postponed:
         return
-    begun_in = slot.handling[delivery]
     for number, wait in chain(slot.waits.items(), slot.unchecked_waits.items()):
-        is_nested = wait.since > begun_in
+        is_nested = is_within(central, wait, delivery)
         if wait.origin == delivery.handling_id if wait.is_coroutine else is_nested:
             yield from _waits_of_request(central, slot, number, is_first=False)
 
@@ -308,7 +308,7 @@ def wait_for_resource(
 def _wait_of_claim(central: State, claim: ModuleClaim) -> WaitFor:
     """Return the wait of a claim for its resource."""
     lock = _wait_at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
-    return replace(lock, number=claim.id, name=_claim_noun(claim))
+    return replace(lock, number=claim.id, name=claim_noun(claim))
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
@@ -331,7 +331,7 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
 def _claim_wait(claim: ModuleClaim, kind: WaitKind) -> WaitFor:
     """Return the wait of a message or later claim for *claim*."""
     module = claim.slot.module.name
-    return WaitFor(kind, 0, _claim_noun(claim), module=module, because=_purpose_of(claim))
+    return WaitFor(kind, 0, claim_noun(claim), module=module, because=_purpose_of(claim))
 
 
 def _purpose_of(claim: ModuleClaim) -> tuple[WaitFor, ...]:
@@ -343,7 +343,8 @@ def _purpose_of(claim: ModuleClaim) -> tuple[WaitFor, ...]:
     return (_wait_for(kind, holder),)
 
 
-def _claim_noun(claim: ModuleClaim) -> str:
+def claim_noun(claim: ModuleClaim) -> str:
+    """Return the word for a claim."""
     return "reservation" if claim.admits_owner else "lock"
 
 

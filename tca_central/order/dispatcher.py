@@ -21,6 +21,7 @@ from tca_central.model.deliveries import (
 )
 from tca_central.model.resources import Claim, PendingLimit, Resource, rank
 from tca_central.model.stored import Stored
+from tca_central.order.lending import Lending, own_slot
 from tca_central.order.prefetching import (
     DispatchOutput,
     Prefetcher,
@@ -60,6 +61,7 @@ class Dispatcher(Stored):
         "displaced",
         "granted",
         "handler_count",
+        "lending",
         "old_serving_counts",
         "prefetcher",
         "running",
@@ -73,6 +75,7 @@ class Dispatcher(Stored):
     ) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.prefetcher = Prefetcher(out, clock)
+        self.lending = Lending()
         self._arrivals = 0
         self.are_tasks_paused = False  #: whether no task starts, after a restart
         self.running: dict[int, Delivery] = {}  #: by ``Delivery.handling_id``
@@ -124,6 +127,11 @@ class Dispatcher(Stored):
         delivery.nested = True
         self._assign(delivery, slot)
 
+    def lend(self, delivery: Delivery, slot: Connection) -> None:
+        """Have a slot handle a queued delivery that its handler's wait needs, within this wait."""
+        self._leave_queues(delivery)
+        self._assign_nested(delivery, slot)
+
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Put a delivery into the queues of its resources."""
         delivery.queues = resources
@@ -142,6 +150,7 @@ class Dispatcher(Stored):
             if resource.prefetched:
                 self.prefetcher.recall_if_overtaken(resource, delivery)
             may_wait_for_ever = may_wait_for_ever and not _has_unblocked_slot(resource)
+        self.lending.add(delivery, resources)
         if may_wait_for_ever:  # other deliveries are no suspects: a search is expensive
             self._suspects.append(delivery)
         first = resources[0]
@@ -219,6 +228,7 @@ class Dispatcher(Stored):
         *took* is the handler's duration in seconds, by its module's own clock (0: unknown).
         """
         del self.running[delivery.handling_id]
+        self.lending.postponed.pop(delivery, None)
         if not delivery.is_task:
             self.bytes -= DELIVERY_BYTES + len(delivery.body)
         slot, delivery.slot = delivery.slot, None
@@ -230,11 +240,28 @@ class Dispatcher(Stored):
         slot.acts_known_until = ended
         if delivery.nested:
             delivery.nested = False
+            self.lending.to_lend.append(slot)
+            if delivery.is_task and slot.resource is not None and slot.resource.waiting:
+                self._suspects.extend((slot, number) for number in slot.waits)
         elif (resource := slot.resource) is not None:
             seconds = ended - delivery.since
             resource.busy += seconds
             record_run(resource, took or seconds)
             self.to_refill.append((resource, slot))
+
+    def postpone(self, delivery: Delivery, *, frees_slot: bool) -> None:
+        """Record that a handler has returned, and replies later.
+
+        With *frees_slot*, the delivery no longer counts for the capacity.
+        """
+        self.lending.postponed[delivery] = None
+        slot = delivery.slot
+        assert slot is not None
+        self.lending.to_lend.append(slot)
+        if frees_slot and not delivery.nested and slot.resource is not None:
+            delivery.nested = True
+            slot.resource.busy += self._clock.now - delivery.since
+            self.to_refill.append((slot.resource, slot))
 
     def refill_next(self) -> None:
         """Have the first resource of ``to_refill`` admit its next message or claim."""
@@ -254,8 +281,7 @@ class Dispatcher(Stored):
             # Each sender waits for the answer to its query, so it must handle the query itself.
             for delivery, sender in list(resource.locked_out_queries.items()):
                 if sender in resource.slots:
-                    self._leave_queues(delivery)
-                    self._assign_nested(delivery, sender)
+                    self.lend(delivery, sender)
             resource.locked_out_queries.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
@@ -363,9 +389,14 @@ class Dispatcher(Stored):
     def release_tasks(self, modules: Iterable[Module]) -> None:
         """Let tasks start again after a restart."""
         self.are_tasks_paused = False
-        self.to_refill.extend(
-            (resource, None) for module in modules for resource in module.resources.values()
-        )
+        for resource in (one for module in modules for one in module.resources.values()):
+            self._admit_more(resource)
+
+    def _admit_more(self, resource: Resource[Connection, Delivery]) -> None:
+        """Have a resource admit what was kept out: in free slots, and within waits."""
+        self.to_refill.append((resource, None))
+        self.lending.to_lend.extend(dict.fromkeys(resource.lendable.values()))
+        self._suspects.extend(resource.lendable)
 
     # --- claims -----------------------------------------------------------------------------------
 
@@ -381,7 +412,8 @@ class Dispatcher(Stored):
     def end_claim(self, claim: ModuleClaim) -> None:
         """End a claim that was given up or released."""
         claim.resource.end_claim(claim)
-        self.to_refill.extend((copy, None) for copy in claim.resource.copies)
+        for copy in claim.resource.copies:
+            self._admit_more(copy)
 
     def withdraw(
         self, delivery: Delivery, *, keep_place: bool = False, facts_of_drop: tuple[Fact, ...] = ()
@@ -452,6 +484,7 @@ class Dispatcher(Stored):
         orphans, slot.handling, slot.maybe_unstarted = list(slot.handling), {}, None
         for delivery in orphans:
             del self.running[delivery.handling_id]
+            self.lending.postponed.pop(delivery, None)
             if not delivery.is_task:
                 self.bytes -= DELIVERY_BYTES + len(delivery.body)
             if slot.resource is not None and not delivery.nested:
@@ -559,20 +592,3 @@ def _has_unblocked_slot(resource: ModuleResource) -> bool:
         if not slot.waits:
             return True
     return not resource.slots
-
-
-def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """Return the sender of a query if it is a slot of one of *resources*; else None.
-
-    Such a slot blocks for the answer, so it must handle the query itself, nested in its wait. The
-    query ignores capacity and reservations, because otherwise the slot would wait for itself.
-    """
-    sender = delivery.sender
-    if (
-        not delivery.message.message_class.has_reply
-        or sender is None
-        or sender.resource is None
-        or sender not in sender.resource.slots
-    ):
-        return None
-    return sender if sender.resource in resources else None

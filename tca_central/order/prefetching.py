@@ -50,7 +50,7 @@ class Prefetcher(Stored):
             return
         (slot,) = resource.slots
         running = next(iter(slot.handling), None)
-        if running is None or running.is_task:
+        if running is None or running.is_task or running.nested:
             return
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return

@@ -170,6 +170,16 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         reissue(central, delivery)
 
 
+def on_postpone(central: State, connection: Connection, header: headers.Postpone, _: bytes) -> None:
+    """Record that a handler has returned without a reply, which comes later."""
+    dispatcher, number = central.dispatcher, header.delivery
+    delivery = dispatcher.running.get(number) or dispatcher.begin_prefetched(connection, number)
+    is_mine = delivery is not None and delivery.slot is connection
+    if delivery is not None and is_mine and delivery not in dispatcher.lending.postponed:
+        central.facts.append(facts.Postponed(delivery.handling_id, header.frees_slot))
+        dispatcher.postpone(delivery, frees_slot=header.frees_slot)
+
+
 def refuse_body(central: State, connection: Connection, header: ToCentral, size: int) -> None:
     """Refuse a body that is too long. If it is a handler's answer, the delivery fails."""
     text = (

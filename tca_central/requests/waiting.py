@@ -43,6 +43,7 @@ def on_await_point(
         central.agenda.add_waiter(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
+            central.dispatcher.lending.to_lend.append(connection)
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
@@ -81,6 +82,7 @@ def _begin_waits(
         central.block(
             connection, header.request, awaited[0].origin, brief=brief, others=header.others
         )
+        central.dispatcher.lending.to_lend.append(connection)
 
 
 def on_await_any(
@@ -96,6 +98,7 @@ def on_await_any(
     is_handled = delivery is not None and delivery.slot is connection
     if numbers and is_handled and all(_may_await(connection, number) for number in numbers):
         central.block_coroutine(connection, numbers, header.delivery)
+        central.dispatcher.lending.to_lend.append(connection)
 
 
 def _may_await(connection: Connection, number: int) -> bool:
@@ -105,6 +108,28 @@ def _may_await(connection: Connection, number: int) -> bool:
         isinstance(due, Observation) and due.is_awaited
     )
     return is_due and number not in connection.waits
+
+
+# --- tasks within waits ---------------------------------------------------------------------------
+
+
+def lend(central: State, slot: Connection) -> None:
+    """Have a slot handle a queued task within the wait of its handler, if the wait needs the task.
+
+    If the slot's handlers have all returned, and reply later, any task below them will do.
+    """
+    dispatcher = central.dispatcher
+    if slot.resource is None or not slot.resource.lendable or dispatcher.are_tasks_paused:
+        return
+    awaited: set[int] | None = None
+    if dispatcher.lending.handler_in(slot) is not None:
+        due = [slot.outstanding.get(number) for number in dispatcher.lending.waits_of(slot)]
+        awaited = {one.task_id for one in due if isinstance(one, TaskWait)}
+        awaited.update(one.task_id or one.below for one in due if isinstance(one, Observation))
+    elif slot.has_room:
+        return  # it is free, or about to be
+    if (task := dispatcher.lending.task_to_lend(slot, awaited)) is not None:
+        dispatcher.lend(task, slot)
 
 
 # --- give up --------------------------------------------------------------------------------------

@@ -82,7 +82,7 @@ class DirectMessages:
         return (
             inbox is not None
             and inbox.has_message
-            and not (inbox.is_busy or self._session.open_deliveries)
+            and not (inbox.is_busy or self._session.open_deliveries.occupying)
         )
 
     def next_message(self) -> tuple[Deliver, bytes] | None:

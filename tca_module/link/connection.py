@@ -367,6 +367,12 @@ class Connection(Waits):
             elif not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
 
+    def postpone(self, header: headers.Postpone) -> None:
+        """Report that a handler has returned, and replies later."""
+        with self._lock:
+            self.session.postpone(header)
+            self.line.flush()
+
     def is_cancelled(self, delivery: int) -> bool:
         """Return whether a delivery's handler should clean up and return.
 

@@ -14,7 +14,7 @@ from tca_module.sending.task_requests import ReportingTask, ServerState
 from tca_module.session.open_deliveries import current_delivery, working_on
 from tca_wire.messages.declarations import Message, R
 from tca_wire.messages.failures import FORGOTTEN, HANDLER_ERROR, MODULE_LOST
-from tca_wire.packets.headers import Deliver, Fail, Reply
+from tca_wire.packets.headers import Deliver, Fail, Postpone, Reply
 from tca_wire.text.measures import numbered
 
 
@@ -22,8 +22,9 @@ class LaterReply(ReportingTask, Generic[R]):
     """The reply that a handler owes: the handler returns this, and another thread replies later.
 
     Keep a reference to the LaterReply until you call ``reply`` or ``fail``. Call one of them once,
-    from any thread. Until then the handler's slot stays occupied, even if the task is killed. When
-    ``cancelled`` is true, stop the device, then reply. After you have accepted a client's cancel,
+    from any thread. Until then the handler's slot handles only tasks below its own, even if the
+    task is killed; with ``frees_slot`` it handles any message. When ``cancelled`` is true, stop the
+    device, then reply. After you have accepted a client's cancel,
     no reply is owed. ``accept``, ``report`` and ``take`` must come before the reply. ``request`` is
     the oldest open request of a client.
 
@@ -59,6 +60,7 @@ class LaterReply(ReportingTask, Generic[R]):
         self._has_returned = False
         self._why_closed = ""  # the reason why no answer is accepted any more
         self._is_stopped = False  # a client's cancel was accepted
+        self.frees_slot = False  #: whether the slot handles other messages until the reply
         if state is not None:
             # The library holds no strong reference to this object, so that __del__ runs when the
             # user drops it.
@@ -161,6 +163,9 @@ class LaterReply(ReportingTask, Generic[R]):
             self._has_returned = True
             if self._answer is not None:
                 self._connection.call_soon(self._send)  # after all its reports
+                return
+        if self._delivery.delivery > 0 and (self.frees_slot or self._state is not None):
+            self._connection.postpone(Postpone(self._delivery.delivery, self.frees_slot))
 
     def end(self, why: str) -> None:
         """Refuse replies from now on, because the caller answers instead."""

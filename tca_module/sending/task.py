@@ -321,11 +321,15 @@ class Task(Sender, TaskNode, ReportingTask):
         """
         return self._own_connection().session.open_deliveries.shielded()
 
-    def reply_later(self) -> LaterReply[Any]:
+    def reply_later(self, *, frees_slot: bool = False) -> LaterReply[Any]:
         """Return a LaterReply: the handler returns it, and another thread or callback replies.
 
-        The message is complete when that thread or callback has replied. Until then the handler's
-        slot stays occupied.
+        The message is complete when that thread or callback has replied. From the handler's return
+        until then, the slot handles only tasks below this one.
+
+        Args:
+            frees_slot: The slot handles any message in the meantime. Default: False. A message that
+                was sent directly occupies its slot in any case.
 
         Returns:
             The LaterReply. Each call returns the same one.
@@ -343,6 +347,7 @@ class Task(Sender, TaskNode, ReportingTask):
             connection.transport.waker()  # so that an answer can wake this thread at once
             state = self._server_state() if self._task_id != ROOT else None
             self.later = LaterReply(connection, self._message, self._delivery, state)
+        self.later.frees_slot |= frees_slot
         return self.later
 
     def _server_state(self) -> ServerState:

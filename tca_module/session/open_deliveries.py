@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from tca_module.errors import Stopped, TaskKilled
 from tca_wire.packets.changes import Requested
+from tca_wire.packets.headers import Postpone
 
 S = TypeVar("S")
 
@@ -73,12 +74,19 @@ class OpenDeliveries:
         self.is_ending: Callable[[], bool] = never
         #: number -> delivery; a direct delivery (< 0) is added when its handler starts
         self._known: dict[int, OpenDelivery] = {}
+        #: delivery -> what central was told of it: its handler has returned, and replies later
+        self.postponed: dict[int, Postpone] = {}
 
     def __contains__(self, delivery: int) -> bool:
         return delivery in self._known
 
     def __len__(self) -> int:
         return len(self._known)
+
+    @property
+    def occupying(self) -> int:
+        """The number of deliveries that keep the slot from other messages."""
+        return len(self._known) - sum(one.frees_slot for one in self.postponed.values())
 
     def is_open(self, handler: OpenDelivery | None) -> bool:
         """Return whether a delivery is still open: neither answered nor forgotten by central."""
@@ -124,6 +132,7 @@ class OpenDeliveries:
         self._known = {
             delivery: handler for delivery, handler in self._known.items() if delivery < 0
         }
+        self.postponed.clear()
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
         """Record that the handler of a delivery starts."""
@@ -139,6 +148,7 @@ class OpenDeliveries:
         if not self.is_open(handler):
             return False
         del self._known[delivery]
+        self.postponed.pop(delivery, None)
         return True
 
     def _find(self, delivery: int) -> OpenDelivery | None:

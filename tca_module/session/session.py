@@ -189,6 +189,13 @@ class Session(OpenRequests):
         self.outgoing.append((header, body))
         return self.held_replies.hold(header, now)
 
+    def postpone(self, header: headers.Postpone) -> None:
+        """Report that a handler has returned, and replies later."""
+        if header.delivery in self.open_deliveries:
+            self.open_deliveries.postponed[header.delivery] = header
+            if self.is_welcome:
+                self.outgoing.append((header, b""))
+
     def _drop_old_replies(self, number: int) -> None:
         """Forget all but the newest replies; central has received the others."""
         while len(self._replies) > number:
@@ -197,7 +204,7 @@ class Session(OpenRequests):
     @property
     def may_begin_next(self) -> bool:
         """Whether a prefetched message may begin: no handler runs, and the module does not end."""
-        is_free = bool(self.prefetched) and len(self.open_deliveries) == len(self.prefetched)
+        is_free = bool(self.prefetched) and self.open_deliveries.occupying == len(self.prefetched)
         return is_free and not self.open_deliveries.is_ending()
 
     @property
@@ -323,6 +330,7 @@ class Session(OpenRequests):
             if request.what and isinstance(request.header, headers.Send):
                 request.header = msgspec.structs.replace(request.header, quiet=False)
             self._send(request)
+        self.outgoing += [(one, b"") for one in self.open_deliveries.postponed.values()]
         self.outgoing += self._replies.values()
 
     def _repeat_declarations(self) -> None:

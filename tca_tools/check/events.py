@@ -66,6 +66,7 @@ _METHODS: dict[type, Apply] = {
         _TASK, "constraint.after.task", "got past a delay", births.timed_out
     ),
     facts.Unqueued: _with_message(_ITEM, "id", "left a queue", handling.unqueued),
+    facts.Postponed: _with_message(_ITEM, "id", "is replied to later", handling.postponed),
     facts.Returned: _with_message(_ITEM, "id", "was returned", handling.returned),
     facts.Answered: _with_message(_ITEM, "id", "was answered", handling.answered),
     facts.Awaited: _with_message(_ITEM, "id", "was waited for", handling.awaited),

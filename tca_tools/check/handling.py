@@ -67,8 +67,13 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     if item is None:
         return
     _leave_queue(world, item)
+    item.is_within_wait = fact.is_nested
     _check_destination(world, item, place)
-    is_nested = item.message_class.has_reply and item.sender == place.module
+    is_nested = _is_from_inside(item, place) or fact.is_nested
+    is_alone = not (_is_from_inside(item, place) or place.running or place.nested)
+    if is_nested and is_alone and world.is_whole:
+        what = f"was given to {place_in_words(place)} within a wait, but no handler was there"
+        world.report(rules.CAPACITY, item, what)
     (place.nested if is_nested else place.running)[item.handling_id] = item
     lives.handler_changed(world, item, place.module)
     item.place, item.is_begun = place, True
@@ -132,11 +137,16 @@ def check_locks(world: JournalWorld, item: MessageRecord, place: ResourceRecord)
     """Check that a message may enter a resource in spite of locks and reservations."""
     held_by = place.claims.held_by
     if held_by is not None:
-        is_own = item.message_class.has_reply and item.sender == place.module
+        is_own = _is_from_inside(item, place) or item.is_within_wait
         if not (held_by.is_reserved and (item.sent_by in (held_by.sender, "") or is_own)):
             how = "reserved" if held_by.is_reserved else "locked"
             what = f"was given to {place_in_words(place)}, which {held_by.sender} has {how}"
             world.report(rules.LOCKED, item, what)
+
+
+def _is_from_inside(item: MessageRecord, place: ResourceRecord) -> bool:
+    """Whether a message is a query that the resource's own module has sent."""
+    return item.message_class.has_reply and item.sender == place.module
 
 
 def _leave_handler(world: JournalWorld, item: MessageRecord) -> None:
@@ -144,6 +154,16 @@ def _leave_handler(world: JournalWorld, item: MessageRecord) -> None:
     if place is not None:
         place.running.pop(item.handling_id, None)
         place.nested.pop(item.handling_id, None)
+        place.postponed.pop(item.handling_id, None)
+        world.places_touched[place] = None
+
+
+def postponed(world: JournalWorld, item: MessageRecord, fact: facts.Postponed) -> None:
+    """Record that a handler has returned, and replies later. Its slot may be free."""
+    place = item.place
+    if place is not None and fact.frees_slot:
+        place.running.pop(item.handling_id, None)
+        place.postponed[item.handling_id] = item
         world.places_touched[place] = None
 
 

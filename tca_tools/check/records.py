@@ -55,7 +55,9 @@ class ResourceRecord:
     capacity: int | None = None  #: None: not known
     running: "dict[int, MessageRecord]" = field(default_factory=dict)
     nested: "dict[int, MessageRecord]" = field(default_factory=dict)
-    """Queries that the module sent itself, which run while a handler waits for them."""
+    """Queries that the module sent itself and tasks, which run while a handler needs them."""
+    postponed: "dict[int, MessageRecord]" = field(default_factory=dict)
+    """Messages that are replied to later, and whose slots are free."""
     #: Whether a slot must return its prefetched messages. No message enters before it has answered.
     is_recalling: bool = False
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
@@ -77,6 +79,7 @@ class MessageRecord(MessageView):
     original: "MessageRecord | None" = None  #: the message of a copy
     copies: int = 0  #: the number of its copies under way
     handling_id: int = field(init=False)  #: its newest delivery
+    is_within_wait: bool = False  #: whether its slot handles it while another handler waits
     is_task: bool = field(init=False)
     is_goal: bool = field(init=False)
 

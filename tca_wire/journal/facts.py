@@ -184,13 +184,17 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     message_id: int
     module: str
     resource: str
-    slot: int = 0
-    """The number of the resource's slot that has it, from 1."""
-    is_nested: bool = False
-    """The slot handles it while the slot's other message waits."""
+    slot: int = 0  #: the number of the resource's slot that has it, from 1
+    is_nested: bool = False  #: whether the slot handles it while the slot's other message waits
     priority: int = 0
     began: float = 0
     """The time at which its handler started, if before this entry: the message was prefetched."""
+
+
+class Postponed(NumberedFact, frozen=True, tag="postponed"):
+    """The handler of a delivery has returned, and replies later."""
+
+    frees_slot: bool = False  #: whether its slot handles any message, not only tasks below it
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
@@ -511,9 +515,10 @@ class MonitorEnded(MonitorFact, frozen=True, tag="monitor ended"):
 
 _OfRuns = Opened | Shortened | Closed | DiskSpace | CentralFailed | CentralRestarted | WentOn
 _OfModules = ModuleJoined | ModuleLeft | ResourceChanged | Recalling
-_OfHandlers = FormatDefined | HandlerAdded | HandlerRemoved | HandledDirectly | LostDirectly
+_OfDeclarations = FormatDefined | HandlerAdded | HandlerRemoved
 _OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored | CentralEnding
-_OfMessages = Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped
+_OfMessages = Received | Queued | Unqueued | Delivered | Postponed | Returned | Answered | Dropped
+_OfDirectMessages = HandledDirectly | LostDirectly
 _OfTasks = Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
 _OfStates = SuspendedOrResumed | StateChanged | Kept | Released | Recovered | Retried
 _OfWaits = Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
@@ -522,9 +527,10 @@ _OfMonitors = TapAdded | TapFired | WaitedFor | OutlivesRetry | MonitorTested | 
 Fact = (
     _OfRuns
     | _OfModules
-    | _OfHandlers
+    | _OfDeclarations
     | _OfAccess
     | _OfMessages
+    | _OfDirectMessages
     | _OfTasks
     | _OfStates
     | _OfWaits

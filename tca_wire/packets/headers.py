@@ -150,6 +150,13 @@ class Reply(OfDelivery, frozen=True, tag=5):
     """The transition by which the handler ends its task ("": the usual one)."""
 
 
+class Postpone(OfDelivery, frozen=True, tag=61):
+    """The handler of a delivery has returned. Its Reply or Fail comes later."""
+
+    frees_slot: bool = False
+    """The slot may handle any message from now on; otherwise only tasks below this delivery."""
+
+
 class Replies(WireArray, frozen=True, tag=30):
     """Handlers of informs, queries or broadcasts have returned, one after the other.
 
@@ -415,7 +422,7 @@ class EndCentral(Numbered, frozen=True, tag=56):
 
 _OfRuns = WaitUntilHandled | GoOn | EndCentral
 _OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask
-_OfMessages = Send | Reply | Replies | Fail | Recalled | GiveUp | Await | AwaitAny
+_OfMessages = Send | Reply | Replies | Fail | Postpone | Recalled | GiveUp | Await | AwaitAny
 _OfTasks = Constrain | AwaitPoint | Kill | Retry | Suspend | Deadline | Inspect | Keep
 _OfStates = ChangeState | Observe
 _OfFailures = Raise | Attach | Remove | Resolve
@@ -492,9 +499,9 @@ class Deliver(OfDelivery, frozen=True, tag=37):
     """The cause, if central made the message."""
     suspended: bool = False
     own: bool = False
-    """Handle this query even within a direct message: a slot of the same resource has sent it.
+    """Handle this message even within a direct message, whose handler may wait for it.
 
-    The handler of the direct message may wait for the answer.
+    It is a query that a slot of the same resource has sent, or a task within a wait of this slot.
     """
     ahead: int = 0
     """The number of deliveries that the slot must handle before it, as far as central knows."""

@@ -125,6 +125,7 @@ PHRASES: dict[type, str] = {
         "{id:name}{message_id:original} to {module:place}{slot:slot}"
         "[is_nested?, while another message waits there][, priority {priority}]"
     ),
+    facts.Postponed: "{id:name} is replied to later[frees_slot?, and its slot is free]",
     facts.Returned: "{id:name}: {outcome}",
     facts.Dropped: "{message} {id:number}[ of message {copy_of:number}]: {why}[: {where}]",
     facts.HandledDirectly: (

@@ -136,8 +136,7 @@ def test_awaiting_coroutine_does_not_block_its_thread(robot: Player) -> None:
 def test_observer_deadlock_is_found_after_a_handler_returns(robot: Player) -> None:
     robot.module("legs", "goal walk")
     waiting = robot.task("user", "walk", flags=Flags.NONE)
-    queued = robot.task("user", "walk", flags=Flags.NONE)
-    before_its_end = before(point(queued, Moment.START_HANDLING), point(-1, Moment.END_HANDLING))
+    before_its_end = before(point(waiting, Moment.END_HANDLING), point(-1, Moment.END_HANDLING))
     turning = robot.task("user", "turn", flags=Flags.NONE, constraints=(before_its_end,))
     number = robot.number("legs/1")
     robot.receive("legs/1", Observe(number, task=TaskId(turning), origin=waiting))

@@ -350,6 +350,7 @@ def test_fingerprint_tables_name_existing_attributes() -> None:
         central.tree.root,
         resource,
         central.dispatcher.prefetcher,
+        central.dispatcher.lending,
         message,
         module,
         Delivery(1, message, b"", None),

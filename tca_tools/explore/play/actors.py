@@ -206,12 +206,15 @@ class ModuleLine:
     #: The started scripts. Each started while the previous one waited.
     stack: list[Actor] = field(default_factory=list)
     delivered: deque[Actor] = field(default_factory=deque)  #: not started yet
+    owing: list[Actor] = field(
+        default_factory=list
+    )  #: handlers that have returned, and reply later
     inbox: SlotInbox | None = None  #: of a slot with a prefetch
 
     @property
     def actors(self) -> list[Actor]:
         """All scripts, in the order in which they arrived."""
-        return [*self.stack, *self.delivered]
+        return [*self.owing, *self.stack, *self.delivered]
 
     @property
     def is_idle(self) -> bool:
@@ -221,14 +224,17 @@ class ModuleLine:
         """
         if self.inbox is None:
             return not self.actors
-        return not (self.stack or self.inbox.session.held_replies.ended)
+        return not (self.stack or self.owing or self.inbox.session.held_replies.ended)
 
     @property
     def actor(self) -> Actor | None:
-        """The script whose turn it is: the newest started one. If that waits, the next delivered.
+        """The script whose turn it is: one that uses its owed reply, else the newest started one.
 
-        None if there is no such script.
+        If that waits, the next delivered. None if there is no such script.
         """
+        for owing in self.owing:
+            if not isinstance(owing.step, steps.OweReply):
+                return owing
         newest = self.stack[-1] if self.stack else None
         if self.delivered and (newest is None or isinstance(newest.step, steps.AwaitAnswer)):
             return self.delivered[0]
@@ -239,8 +245,16 @@ class ModuleLine:
         if self.delivered and self.delivered[0] is actor:
             self.stack.append(self.delivered.popleft())
 
+    def remove_current(self) -> Actor:
+        """Remove the script whose turn it is, and return it."""
+        actor = self.actor
+        assert actor is not None
+        (self.owing if actor in self.owing else self.stack).remove(actor)
+        return actor
+
     def clear(self) -> None:
         """Remove all scripts."""
+        self.owing.clear()
         self.stack.clear()
         self.delivered.clear()
         self.inbox = None

@@ -273,7 +273,7 @@ class Exchange:
 
     def _finish_script(self, line: ModuleLine) -> None:
         """Remove the script whose turn it is, since it has ended."""
-        actor = line.stack.pop()
+        actor = line.remove_current()
         if self.scenario.has_prefetch:
             self.digests[line.name] = actor.digest(self.digests.get(line.name))
 
@@ -310,10 +310,19 @@ class Exchange:
 
     def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKeptReplies) -> None:
         """Pass *step* to the handlers' scripts, which use their replies later."""
-        for handler in (actor for each in line.run.lines for actor in each.stack):
+        lines = line.run.lines
+        for handler in [actor for each in lines for actor in (*each.stack, *each.owing)]:
             if handler.program is line.run.module.handlers.get(step.message):
                 handler.use_reply(step.words)
         actor.receive(steps.StepResult(step.kind))
+
+    def _owe_reply(self, line: ModuleLine, actor: Actor, step: steps.OweReply) -> None:
+        """Let a handler return that replies later. Other scripts may use its thread."""
+        if actor in line.stack:
+            line.stack.remove(actor)
+            line.owing.append(actor)
+            self.receive(line.name, headers.Postpone(actor.delivery, step.frees_slot))
+        actor.use_reply()
 
     def _hang(self, _line: ModuleLine, _actor: Actor, _step: steps.Hang) -> None:
         """Do nothing: this step never has a result."""
@@ -431,7 +440,7 @@ _CARRY_OUT: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
     steps.Return: Exchange._return,
     steps.Fail: Exchange._fail,
     steps.Hang: Exchange._hang,
-    steps.OweReply: lambda _exchange, _line, actor, _step: actor.use_reply(),
+    steps.OweReply: Exchange._owe_reply,
     steps.UseKeptReplies: Exchange._use_kept,
 }
 _ON_PACKET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {

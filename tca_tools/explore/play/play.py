@@ -206,7 +206,7 @@ class Play(Exchange):
 
     def _advance_all(self) -> None:
         for line in list(self.lines.values()):
-            if line.stack:
+            if line.stack or line.owing:
                 self.advance(line)
             while line.run.is_starting and not line.stack and line is line.run.lines[0]:
                 line.stack.append(Actor(line.run.first_programs.popleft(), HandlerInput(NOTHING)))

@@ -152,6 +152,7 @@ class ScriptConnection:
         self._callbacks: deque[Callable[[], None]] = deque()
         #: Adds a function that ``run_requested_calls`` calls.
         self.call_soon = self._callbacks.append
+        self.frees_slot = False  #: whether the slot handles other messages until the owed reply
         self._owed: Any = None  #: the reply that the handler owed, once the script has sent it
         #: The step or decision at which the run ended, or is about to end.
         self.stopped: StepReached | DecisionReached | None = None
@@ -283,6 +284,10 @@ class ScriptConnection:
         """Store the owed reply."""
         self._owed = header, body
 
+    def postpone(self, header: headers.Postpone) -> None:
+        """Store how the slot is used until the owed reply."""
+        self.frees_slot = header.frees_slot
+
     def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
         """Return the owed reply, once it is stored.
 
@@ -300,7 +305,7 @@ class ScriptConnection:
         return self._owed or self.owed()
 
     def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
-        self.kept, got = None, self.do(steps.OweReply())
+        self.kept, got = None, self.do(steps.OweReply(self.frees_slot))
         later.module_ends() if got.module_ends else then(later, got.words)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:

@@ -115,6 +115,8 @@ class Hang(_Step, frozen=True):
 class OweReply(_Step, frozen=True):
     """Return from the handler but owe its reply, until another script uses ``UseKeptReplies``."""
 
+    frees_slot: bool = False
+
 
 class UseKeptReplies(_Step, frozen=True):
     """Use the replies that started handlers of *message* owe or will owe; *words* say how."""

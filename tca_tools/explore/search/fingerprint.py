@@ -391,6 +391,8 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Resource", "_queue"): lambda walk, resource, _: walk.add(resource.in_line()),
     # The order of nested deliveries is that of the scripts on their line.
     ("Dispatcher", "running"): _Walk.add_unordered,
+    ("Lending", "postponed"): _Walk.add_unordered_keys,
+    ("Resource", "lendable"): _Walk.add_unordered,
 }
 """By class and attribute: how to write an attribute of which only a part matters, or not the order.
 """
@@ -436,7 +438,7 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
             is_named = detail.names or play.scenario.has_prefetch
             walk.add([number, line.name if is_named else len(line.actors)])
             for actor in line.actors:
-                _add_actor(walk, actor, has_begun=actor in line.stack)
+                _add_actor(walk, actor, has_begun=actor not in line.delivered)
             if line.inbox is not None:
                 walk.add(line.inbox.state)
     chances = play.losses, play.kills, play.suspensions, play.suspended
