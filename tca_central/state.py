@@ -1,7 +1,4 @@
-"""The state of central, and the operations that concern several parts of the state.
-
-The rules are not here: they are in the packages beside this file.
-"""
+"""The state of central, and operations on several of its parts. The rules are in other files."""
 
 import msgspec
 
@@ -159,8 +156,8 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     handling_id, name = delivery.handling_id, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        suspended, own = delivery.suspended, delivery.nested
-        return headers.Deliver(handling_id, name, delivery.id, context, suspended, own)
+        flags = delivery.suspended, delivery.nested
+        return headers.Deliver(handling_id, name, delivery.id, context, *flags)
     return headers.Deliver(
         handling_id, name, ROOT, context, own=_is_to_own_resource(delivery), ahead=ahead
     )
@@ -326,8 +323,8 @@ class State(Waits):
         for one in observers:
             self.notify_observer(one, encoded, task.state)
         if outcome is not None:
-            all_observers = (*observers, *self.observers.of_many)
-            for one in [one for one in all_observers if task.id in (one.task_id, one.below)]:
+            found = (*observers, *self.observers.of_many)
+            for one in [one for one in found if task.id in (one.task_id, one.below)]:
                 self.end_observers_wait(one)
                 self.observers.remove(one)
                 one.connection.outstanding.pop(one.number, None)

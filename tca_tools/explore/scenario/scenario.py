@@ -28,6 +28,7 @@ _NOT_EXPLORED = frozenset(
         "on_readable",
         "run",
         "running",
+        "required_elsewhere",
         "running_async",
         "serve",
         "stop",
