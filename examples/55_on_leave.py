@@ -2,7 +2,7 @@
 
 from tca_module import Goal, Module, Task, connect
 
-DRIVE = Goal("drive", str)
+DRIVE = Goal("drive", str, progress=str)
 
 wheels = Module("wheels")
 
@@ -11,6 +11,7 @@ wheels = Module("wheels")
 def drive(task: Task, place: str) -> None:
     """Drive until the task is cancelled, and stop the motors."""
     print("drives to", place)
+    task.report("on the way")
     try:
         task.sleep(60)
     finally:
@@ -21,7 +22,7 @@ def main() -> None:
     with wheels.running():
         with connect("operator", on_leave="cancel") as operator:
             trip = operator.goal(DRIVE, "dock")
-            trip.wait_for(trip.handling.start)
+            next(trip.progress(str))
         print("the operator has left")
 
 

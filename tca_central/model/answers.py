@@ -28,7 +28,10 @@ class KeptAnswers(Stored):
         """By (session, request number), oldest first: each answer with its connection."""
 
     def add(self, connection: Connection, number: int, header: ToModule, body: bytes) -> None:
-        """Store the answer to a request."""
+        """Store the answer to a request; a later answer to the same request replaces it."""
+        if (connection.session, number) in self._kept:
+            connection.answers.remove(number)
+            self._forget(connection, number)
         size = ANSWER_BYTES + len(body)
         self._kept[connection.session, number] = connection, header, body
         connection.answers.append(number)
@@ -74,7 +77,10 @@ class KeptAnswers(Stored):
 
     def _forget_oldest(self, connection: Connection) -> None:
         """Forget the oldest answer of a connection."""
-        number = connection.answers.popleft()
+        self._forget(connection, connection.answers.popleft())
+
+    def _forget(self, connection: Connection, number: int) -> None:
+        """Forget the answer to a request that is no longer in the connection's list."""
         _, _, body = self._kept.pop((connection.session, number))
         size = ANSWER_BYTES + len(body)
         connection.answer_bytes -= size

@@ -62,7 +62,7 @@ def central(monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
     """Run a local central to which the commands connect, too."""
     with LocalCentral() as local:
         monkeypatch.setattr(
-            shared, "connect", lambda name, _, patience: connect(name, local, patience=patience)
+            shared, "connect", lambda name, _, **options: connect(name, local, **options)
         )
         yield local
 

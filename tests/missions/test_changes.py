@@ -172,7 +172,7 @@ class Fill(PeriodicTask[Environment]):
 def test_update_command_keeps_omitted_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
     with LocalCentral() as central, connect("user", central) as user:
         monkeypatch.setattr(
-            shared, "connect", lambda name, _, patience: connect(name, central, patience=patience)
+            shared, "connect", lambda name, _, **options: connect(name, central, **options)
         )
         with TaskServer("bar", Environment(), [Fill], rate=100.0, central=central).running():
             sent = user.command(user.declared("bar.Fill"), {"glass": "tall"})
