@@ -368,12 +368,13 @@ def test_result_is_unknown_at_the_limit() -> None:
 
 
 def stuck() -> tca.Result:
-    """Explore a scenario in which a handler waits for a task that needs the same handler."""
+    """Explore a scenario in which a handler locks its resource, and waits for a task there."""
     scenario = tca.Scenario("a short circuit", never_stuck())
 
     @scenario.module("planner").handles(WALK)
     def walk(task: tca.Task, times: int) -> None:
         if times:
+            task.lock("planner")
             task.goal(WALK, times - 1).wait()
 
     @scenario.module("user").does
@@ -390,8 +391,8 @@ def test_stuck_tasks_and_waits_are_named() -> None:
         running.strip()
         == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
     )
-    assert queued.strip() == "walk {2} has not ended: nothing reached; queued"
-    assert handler_wait.strip() == "planner in walk {1} waits for end achieving of walk {2}"
+    assert queued.strip() == "walk {3} has not ended: nothing reached; queued"
+    assert handler_wait.strip() == "planner in walk {1} waits for end achieving of walk {3}"
     assert user_wait.strip() == "user waits for end achieving of walk {1}"
 
 
