@@ -388,9 +388,15 @@ ROS_GOAL = LifeCycle(
         Transition("abort", "executing", "aborted"),
         Transition("abort", "canceling", "aborted"),
         Transition("canceled", "canceling", "canceled", Party.SERVER, Effect.STOP),
+        *(
+            Transition("feedback", state, state, Party.SERVER, Effect.RESULT)
+            for state in ("executing", "canceling")
+        ),
     ],
     initial="accepted",
     done="succeeded",
     cancelled=["canceled", "aborted"],
 )
-"""The states of a goal of ROS 2 (rcl_action). It has no updates, and a cancel can't be refused."""
+"""The states of a goal of ROS 2 (rcl_action), and its feedback. It has no updates, and a cancel
+can't be refused.
+"""

@@ -54,6 +54,21 @@ def test_handler_names_its_end(user: Client, central: LocalCentral) -> None:
     ]
 
 
+def test_ros_goal_reports_feedback(user: Client, central: LocalCentral) -> None:
+    eye = Module("eye", central)
+    scan = Command("scan", int, result=str, progress=float, life_cycle=ROS_GOAL)
+
+    @eye.handles(scan)
+    def looks_around(task: Task, _: int) -> str:
+        task.report(0.5)
+        return "bright"
+
+    with eye.running():
+        sent = user.command(scan, 1)
+        assert list(sent.progress(float)) == [0.5]
+        assert (sent.result(), sent.state) == ("bright", "succeeded")
+
+
 def test_take_of_a_failing_end_is_misuse(user: Client, central: LocalCentral) -> None:
     do, errors = Command("do", life_cycle=ROS_GOAL), list[str]()
     hand = Module("hand", central)

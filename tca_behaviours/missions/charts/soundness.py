@@ -144,17 +144,23 @@ def _check_own(state: MachineState, exits: Exits, container: MachineState) -> No
 
 
 def _check_branches(state: MachineState) -> None:
-    """Check that a concurrence has several states, and at most one of them in the foreground."""
+    """Check that a concurrence has several states, and at most one of them in the foreground of a
+    server.
+    """
     if len(state.children) == 1:
         raise UnsoundMachine(
             f"{state!r} has only one state: add another, or remove the concurrence"
         )
-    foreground = [branch for branch in state.children if any(map(_is_foreground, branch.all()))]
-    if len(foreground) > 1:
-        raise UnsoundMachine(
-            f"{state!r}: {named(foreground)} would run in the foreground at the same time, "
-            "and stop each other: give foreground=False to the tasks of all but one"
-        )
+    by_server: dict[str, dict[MachineState, None]] = {}
+    for branch in state.children:
+        for one in filter(_is_foreground, branch.all()):
+            by_server.setdefault(one.server, {})[branch] = None
+    for foreground in by_server.values():
+        if len(foreground) > 1:
+            raise UnsoundMachine(
+                f"{state!r}: {named(list(foreground))} would run in the foreground at the same "
+                "time, and stop each other: give foreground=False to the tasks of all but one"
+            )
 
 
 def _endings_of_concurrence(

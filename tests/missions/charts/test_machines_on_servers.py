@@ -32,7 +32,7 @@ def fetch(**grasp: object) -> StateMachine:
         sm.Drive(x=1.0)
         with sm.concurrence(until="all ended"):
             sm.Drive(x=2.0)
-            sm.Grasp(server="arm", foreground=False, **grasp)
+            sm.Grasp(server="arm", **grasp)  # each server has a foreground of its own
     return sm
 
 
