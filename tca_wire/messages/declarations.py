@@ -538,8 +538,10 @@ class Retry:
             _check_number(name, value, least, LONGEST_TIME)
         if attempt_timeout is not None:
             _check_number("attempt_timeout", attempt_timeout, 1e-3, LONGEST_TIME)
-        if not all(isinstance(one, Failure) for one in failures):
-            raise BadFormat(f"Retry(): failures must be declared failures, not {failures!r:.60}")
+        is_list = isinstance(failures, list | tuple | set | frozenset)
+        if not (is_list and all(isinstance(one, Failure) for one in failures)):
+            text = "failures must be a list of declared failures, such as [SLIPPED]"
+            raise BadFormat(f"Retry(): {text}, not {failures!r:.60}")
         self.fallback: TaskMessage[Any, Any] | None
         self.fallback, *data = otherwise if isinstance(otherwise, tuple) else (otherwise,)
         if not isinstance(self.fallback, TaskMessage | None) or len(data) > 1:

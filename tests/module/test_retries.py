@@ -128,6 +128,7 @@ def test_policy_outlives_its_sender(
         lambda: Retry(pause=-1),
         lambda: Retry(backoff=0.5),
         lambda: Retry(attempt_timeout=0),
+        lambda: Retry(failures=SLIPPED),  # type: ignore[arg-type]
         lambda: Retry(failures=["slipped"]),  # type: ignore[list-item]
         lambda: Retry(otherwise=Query("height", reply=float)),  # type: ignore[arg-type]
         lambda: Command("a", str, retry=3),  # type: ignore[call-overload]
