@@ -112,7 +112,8 @@ class ConnectionThread:
                 self._loop = None if self._is_closing else events.loop
             self._opened.set_result(sender)
             if self._loop is not None:
-                events.run_until(self._closing)
+                with connection.locked():  # the loop keeps it alive, no other thread may
+                    events.run_until(self._closing)
         finally:
             with self._lock:
                 self._loop = None
