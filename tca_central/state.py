@@ -86,11 +86,12 @@ class Collector(Stored):
 class TaskWait(Stored):
     """A connection's wait for a moment of a task."""
 
-    __slots__ = ("connection", "moment", "number", "origin", "task_id")
+    __slots__ = ("connection", "lends_slot", "moment", "number", "origin", "task_id")
 
     def __init__(self, connection: Connection, header: headers.AwaitPoint) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.task_id, self.moment = header.point.task, int(header.point.moment)
+        self.lends_slot = header.lends_slot
 
     def answer(self, central: "State", outcome: TaskOutcome) -> None:
         """Answer the waiter with the task's outcome."""

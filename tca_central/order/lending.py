@@ -35,11 +35,14 @@ class Lending(Stored):
 
     def add(self, queued: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Note a queued task at the slot of *resources* that handles its nearest such ancestor."""
-        for above in queued.lineage() if isinstance(queued, Task) else ():
+        # Most slots handle no task with subtasks: then a deep tree is not walked.
+        if not isinstance(queued, Task) or not any(map(_handles_parents, resources)):
+            return
+        for above in queued.lineage():
             slot = above.slot
             if slot is not None and slot.resource in resources:
                 slot.resource.lendable[queued] = slot
-                if slot.waits or slot.unchecked_waits or above in self.postponed:
+                if slot.outstanding or above in self.postponed:
                     self.to_lend.append(slot)
                 return
 
@@ -82,6 +85,13 @@ class Lending(Stored):
             if found is None or rank(task) < rank(found):
                 found = task
         return found
+
+
+def _handles_parents(resource: ModuleResource) -> bool:
+    """Whether a slot of a resource handles a task that has living subtasks."""
+    return any(
+        isinstance(one, Task) and one.children for slot in resource.slots for one in slot.handling
+    )
 
 
 def may_be_lent(slot: Connection, resource: ModuleResource) -> bool:

@@ -43,7 +43,7 @@ def on_await_point(
         central.agenda.add_waiter(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
-            central.dispatcher.lending.to_lend.append(connection)
+        central.dispatcher.lending.to_lend.append(connection)
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
@@ -122,9 +122,14 @@ def lend(central: State, slot: Connection) -> None:
     if slot.resource is None or not slot.resource.lendable or dispatcher.are_tasks_paused:
         return
     awaited: set[int] | None = None
-    if dispatcher.lending.handler_in(slot) is not None:
+    if (handler := dispatcher.lending.handler_in(slot)) is not None:
         due = [slot.outstanding.get(number) for number in dispatcher.lending.waits_of(slot)]
         awaited = {one.task_id for one in due if isinstance(one, TaskWait)}
+        awaited.update(  # a coroutine does not block its slot
+            one.task_id
+            for one in slot.outstanding.values()
+            if isinstance(one, TaskWait) and one.lends_slot and one.origin == handler.handling_id
+        )
         awaited.update(one.task_id or one.below for one in due if isinstance(one, Observation))
     elif slot.has_room:
         return  # it is free, or about to be

@@ -93,7 +93,7 @@ async def _end(task: TaskRef, timeout: float | None) -> None:
 
 async def _point(task: TaskRef, point: Point, timeout: float | None) -> Any:
     """Await a point; return central's answer."""
-    request = task._request_point(point, blocking=False)
+    request = task._request_point(point, blocking=False, lends_slot=True)
     with task._recalled_if_lost():
         what = f"the wait for {task._describe_point(point)}"
         await settle(task._connection(), request, timeout, what)

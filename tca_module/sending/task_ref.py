@@ -250,11 +250,17 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
             raise CentralLost(f"{error}; {fate}") from None
 
     def _request_point(
-        self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
+        self,
+        point: Point,
+        *,
+        blocking: bool,
+        brief: bool = False,
+        is_awaited: bool = False,
+        lends_slot: bool = False,
     ) -> Request:
         """Ask central to report when a point is reached."""
         check(self._action("the wait for"), checks.POINT, point=point)
-        header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
+        header = headers.AwaitPoint(0, point, self._origin, blocking, brief, lends_slot)
         return self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
 
     def _describe_point(self, point: Point) -> str:
@@ -432,7 +438,7 @@ class SentTask(TaskRef, Generic[R]):
     def __await__(self) -> Generator[Any, None, R]:
         if self._end is None:
             point = self.achieving.end
-            request = self._request_point(point, blocking=False)
+            request = self._request_point(point, blocking=False, lends_slot=True)
             with self._recalled_if_lost():
                 what = LateText(lambda: f"the wait for {self._describe_point(point)}")
                 yield from self._connection().wait_in_coroutine(request, what)

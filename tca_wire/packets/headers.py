@@ -203,6 +203,8 @@ class AwaitPoint(Numbered, frozen=True, tag=8):
     """The sender's connection does nothing else until the answer arrives."""
     brief: bool = False
     """As in Send."""
+    lends_slot: bool = False
+    """A coroutine of the handler awaits the answer: its slot may handle the task meanwhile."""
 
 
 class GiveUp(WireArray, frozen=True, tag=9):

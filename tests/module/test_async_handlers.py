@@ -22,12 +22,32 @@ from tca_module import (
     Task,
     TaskFailed,
     TaskKilled,
+    connect,
 )
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
-from tca_wire.journal.facts import Failed, Received, RequestRefused, Returned
+from tca_wire.journal.causes import Request
+from tca_wire.journal.facts import Delivered, Failed, Received, RequestRefused, Returned
 from tca_wire.packets.codec import unpack_to_central
 from tca_wire.packets.headers import Await
+
+
+def test_async_handler_awaits_tasks_of_its_own_resource(central: LocalCentral) -> None:
+    """The slot is lent at once. Before central sees that a handler stands, a second passes."""
+    legs, lift, climb = Module("legs", central), Command("lift", int), Command("climb", int)
+    legs.handles(lift)(lambda *_: None)
+
+    @legs.handles(climb)
+    async def climbs(task: Task, steps: int) -> None:
+        for step in range(steps):
+            await task.command(lift, step)
+
+    with legs.running(), connect("user", central) as user:
+        user.command(climb, 3).result(SOON)
+    delivered = [fact.is_nested for fact in central.facts if isinstance(fact, Delivered)]
+    assert delivered == [False, True, True, True]
+    causes = [entry.cause for entry in central.entries if isinstance(entry.cause, Request)]
+    assert "AwaitAny" not in [cause.message for cause in causes]
 
 
 def test_slot_event_loop_runs_background_tasks_between_handlers(legs: Module, user: Client) -> None:

@@ -25,6 +25,7 @@ from tca_module import (
 )
 
 TRIP, LEG, REST = Goal("trip", int), Command("leg", int, result=int, progress=int), Goal("rest")
+SUM = Command("sum", int, result=int)
 WHERE, STUCK = Query("where", int, reply=int), Failure("stuck", int)
 
 
@@ -52,6 +53,24 @@ def legs(central: RealCentral) -> Iterator[Module]:
 @pytest.fixture
 def planner(central: RealCentral, legs: Module) -> Module:
     return Module("planner", central.address)
+
+
+def test_loop_handler_awaits_a_task_of_its_own_resource(
+    planner: Module, central: RealCentral
+) -> None:
+    @planner.handles_on_loop(LEG)
+    async def leg(_: AsyncTask, number: int) -> int:
+        return 3 * number
+
+    @planner.handles_on_loop(SUM)
+    async def total(task: AsyncTask, number: int) -> int:
+        return sum([await (await task.command(LEG, one)).result(SOON) for one in range(number)])
+
+    async def main() -> int:
+        async with planner.running_async() as sender:
+            return await (await sender.command(SUM, 4)).result(SOON)
+
+    assert asyncio.run(main()) == 18
 
 
 def test_handler_on_users_loop_awaits_its_own_client(planner: Module, central: RealCentral) -> None:
