@@ -122,9 +122,10 @@ class TaskAt:
 
     @property
     def attempt(self) -> int:
-        """The number of its present attempt: 1, and one more for each retry."""
+        """The number of its newest attempt: 1, and one more for each retry but a fallback's."""
         retries = self.record.retries
-        return 1 + bisect_right(retries, self.instant, key=attrgetter("time")) if retries else 1
+        until = bisect_right(retries, self.instant, key=attrgetter("time")) if retries else 0
+        return 1 + sum(not one.fallback for one in retries[:until])
 
     @property
     def children(self) -> Sequence[TaskId]:

@@ -73,9 +73,10 @@ def test_tree_names_the_attempt_at_each_time() -> None:
     move = built.command("move", "user")
     for time in (1.0, 2.0):
         built.at(time).say(facts.Retried(TaskId(move), b"", "expert"))
-    history = built.at(3.0).fold()
-    labels = [words.called(RunAt(history, time).tasks[move]) for time in (0.5, 1.0, 2.5)]
-    assert labels == ["move {1}", "move {1} (2nd try)", "move {1} (3rd try)"]
+    replaced = facts.Retried(TaskId(move), b"", "central", TaskId(move), fallback="call help")
+    history = built.at(3.0).say(replaced).at(4.0).fold()
+    labels = [words.called(RunAt(history, time).tasks[move]) for time in (0.5, 1.0, 2.5, 3.5)]
+    assert labels == ["move {1}", *(f"move {{1}} ({tried} try)" for tried in ("2nd", "3rd", "3rd"))]
 
 
 def test_ordinals_have_english_endings() -> None:
