@@ -13,7 +13,7 @@ from tca_module import (
 )
 
 SLIPPED = Failure("slipped", str)
-GRASP = Command("grasp", str, retry=Retry(3, pause=0.1, failures=[SLIPPED]))  # of this declaration
+GRASP = Command("grasp", str, retry=Retry(3, pause=0.1, failures=[SLIPPED]))
 CALL_HELP = Command("call help", str)
 WAIT_FOR_LIFT = Command("wait for lift")
 CLIMB = Goal("climb")

@@ -151,8 +151,8 @@ def _register(_: State, connection: Connection, header: headers.Register) -> Non
     for declared in header.messages:
         if not _may_any(connection, (SEND, HANDLE, TAP), declared.name):
             raise forbidden(connection, f"declare '{declared.name}'")
-        for part in declared.parts:
-            _need(connection, SEND, part)
+        for needed in declared.needs:
+            _need(connection, SEND, needed)
     for handled in header.handlers:
         _need(connection, HANDLE, handled.message)
 

@@ -20,10 +20,16 @@ from collections.abc import Iterator
 from math import inf
 
 from tca_central.errors import RequestError
-from tca_central.failing.policies import BY_POLICY, deals_with, end_attempt, plan_next
+from tca_central.failing.policies import deals_with, end_attempt, plan_next
 from tca_central.failing.retry_order import check_order
 from tca_central.locks import claims
-from tca_central.model.contexts import Decision, FailureContext, RaisedFailure, trouble_of
+from tca_central.model.contexts import (
+    BY_POLICY,
+    Decision,
+    FailureContext,
+    RaisedFailure,
+    trouble_of,
+)
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery
 from tca_central.model.tasks import Recovery, Task, Verdict
 from tca_central.outgoing.central_messages import make_task, suspend
@@ -285,7 +291,7 @@ def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task |
     """
     handlers_above = task.exception_handlers_up()
     undecided = handlers_above[0] if handlers_above else None
-    is_fallback = undecided is not None and trouble_of(undecided).attached.id == BY_POLICY
+    is_fallback = undecided is not None and trouble_of(undecided).is_fallback
     by_choice = NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) and not is_fallback
     if undecided is not None and by_choice:
         above = trouble_of(undecided).failing.lineage()
@@ -379,7 +385,7 @@ def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
     if task.watch is not None:
         stop_watching(central, task.watch, "it was killed")
     fallback = task.recovery.exception_handler if task.recovery is not None else None
-    if fallback is not None and trouble_of(fallback).attached.id == BY_POLICY:
+    if fallback is not None and trouble_of(fallback).is_fallback:
         kill(central, fallback, verdict)
     for listener in task.tapping.listeners if task.tapping is not None else ():
         if listener.reached != ALL_MOMENTS:
@@ -554,7 +560,7 @@ def retry_task(
     central.tree.set_failure(task, None)
     central.facts.append(by_policy or facts.Retried(task.id, data or b"", by))
     if task.role is Role.EXCEPTION:
-        _set_decision(trouble_of(task), Decision.NONE)
+        _set_decision(trouble_of(task), trouble_of(task).initial_decision)
     if asking is not None:
         _set_decision(trouble_of(asking), Decision.DEALT_WITH)
     _void_earlier_decisions(task)

@@ -22,6 +22,10 @@ class RaisedFailure(NamedTuple):
     kinds: tuple[str, ...] = ()  #: names of more general failures that include this one
 
 
+BY_POLICY = 0
+"""The number that stands for a retry policy where attachments have theirs."""
+
+
 class Decision(Enum):
     """The decision of an exception handler so far."""
 
@@ -61,8 +65,18 @@ class FailureContext(Stored):
         #: not called for that failure again. Failures inside this handler share the dictionary.
         #: The name is "" if the handler's own retry was refused.
         self.passed = passed
-        self.decision = Decision.NONE
+        self.decision = self.initial_decision
         self.retried: list[Task] = []  #: tasks that the handler wants retried
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether the handler is the fallback of a retry policy."""
+        return self.attached.id == BY_POLICY
+
+    @property
+    def initial_decision(self) -> Decision:
+        """The decision at the start of each handling: a fallback deals with the failure."""
+        return Decision.DEALT_WITH if self.is_fallback else Decision.NONE
 
     @property
     def header(self) -> Trouble:

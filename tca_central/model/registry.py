@@ -15,7 +15,7 @@ from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.formats import first_difference
 from tca_wire.messages.notices import NOTICES, PREFIX
-from tca_wire.packets.parts import MessageFormat
+from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.vocabulary import Refusal
 
 REMEMBERED_CONNECTIONS = 256
@@ -159,7 +159,9 @@ def type_size(declared: MessageFormat) -> int:
         declared.life_cycle,
         *declared.parts,
     )
-    return TYPE_BYTES + sum(map(len, texts))
+    retry = declared.retry
+    more = (retry.fallback, retry.data, *retry.failures) if retry is not None else ()
+    return TYPE_BYTES + sum(map(len, texts)) + sum(map(len, more))
 
 
 def _check_life_cycle(declared: MessageFormat) -> None:
@@ -207,6 +209,8 @@ def _refuse_difference(
             difference = f"{ours} here, {theirs} there"
             if ours.name == theirs.name:
                 difference = f"two versions of {ours}"
+        if not difference and declared.retry != known.retry:
+            difference = _difference_of_policies(declared.retry, known.retry)
     if difference:
         sides = f"here = module '{module.name}', there = {there}"
         raise RequestError(
@@ -214,6 +218,17 @@ def _refuse_difference(
             f"two formats for message '{declared.name}': {difference} ({sides}): declare it once,"
             " in a file that all programs import",
         )
+
+
+def _difference_of_policies(ours: RetryPolicy | None, theirs: RetryPolicy | None) -> str:
+    """Return how two retry policies differ."""
+    if ours is None or theirs is None:
+        first, second = ("a", "no") if ours is not None else ("no", "a")
+        return f"{first} retry policy here, {second} retry policy there"
+    fields = [
+        name for name in ours.__struct_fields__ if getattr(ours, name) != getattr(theirs, name)
+    ]
+    return f"two retry policies, with different {' and '.join(fields)}"
 
 
 class Value(NamedTuple):

@@ -148,6 +148,8 @@ class Task(Ordered):
         self.watch: Watch | None = None  #: set for monitors only
         self.clients: Clients | None = None
         self.retention: Retention | None = None
+        if message.format.retry is not None:
+            Recovery.of(self).policy = Policy(self, message.format.retry)
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message.name}'"
@@ -320,11 +322,10 @@ class Recovery(Stored):
 class Policy(Stored):
     """A task's retry policy at work."""
 
-    __slots__ = ("declared", "fallback", "replacement", "task", "timer")
+    __slots__ = ("declared", "replacement", "task", "timer")
 
-    def __init__(self, task: Task, declared: RetryPolicy, fallback: MessageType | None) -> None:
+    def __init__(self, task: Task, declared: RetryPolicy) -> None:
         self.task, self.declared = task, declared
-        self.fallback = fallback  #: the message that replaces the task after its last attempt
         #: The context of the fallback. Set when the last attempt has failed, until the fallback is
         #: sent.
         self.replacement: Context | None = None

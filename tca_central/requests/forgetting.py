@@ -57,7 +57,7 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
     for message in _used(central):
         used[message] = None
         steps += 1
-    needed.update(part for message in used for part in message.parts)
+    needed.update(one for message in used for one in message.format.needs)
     unused = [one for one in known.messages.values() if one not in used and one.name not in needed]
     values = central.variables.values
     # First come messages without a value, those with the fewest waiting informs first. Among equals

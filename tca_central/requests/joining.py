@@ -7,6 +7,7 @@ from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
+from tca_central.failing.policies import check_declared_policy
 from tca_central.life_cycles.changes import (
     cancel_tasks_of,
     check_custom_handler,
@@ -393,6 +394,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
     for declared in header.messages:
         registry.check(declared, module)
         check_parts(central, declared, classes)
+        check_declared_policy(central, declared, new)
     for handled in header.handlers:
         check_name("resource", handled.resource)
         check_name("pool", handled.pool, or_none=True)
@@ -438,13 +440,13 @@ def _make_room(central: State, header: headers.Register) -> None:
     handled = [handled.message for handled in header.handlers]
     if not (new or handled):
         return
-    parts = [part for declared in header.messages for part in declared.parts]
+    needed = [one for declared in header.messages for one in declared.needs]
     size = sum(map(type_size, header.messages)) if new else 0
     make_room(
         central,
         new,
         size + (HANDLER_BYTES + RESOURCE_BYTES) * len(handled),
-        [*names, *handled, *parts],
+        [*names, *handled, *needed],
     )
 
 

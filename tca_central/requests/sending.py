@@ -13,7 +13,7 @@ from tca_central.control.steering import (
 )
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
-from tca_central.failing.policies import adopt, check_policy
+from tca_central.failing.policies import adopt, check_policy, check_policy_room
 from tca_central.model.budget import ATTACHED_BYTES, EDGE_BYTES, TIMER_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.contexts import RaisedFailure
@@ -163,6 +163,7 @@ def _send_task(
         or header.keep
         or header.suspended
         or header.retry
+        or message.format.retry
     )
     if has_extras:
         _check_extras(central, header)
@@ -233,6 +234,8 @@ def _check_extras(central: State, header: Send) -> None:
             text = f"'{header.message}' takes no retry policy here: send it as a goal or command"
             raise RequestError(Refusal.PROTOCOL, text)
         check_policy(central, header.retry)
+    elif central.registry.messages[header.message].format.retry is not None:
+        check_policy_room(central)
 
 
 def _add_extras(central: State, connection: Connection, task: Task, header: Send) -> None:

@@ -103,6 +103,7 @@ def messages(central: State) -> list[dict[str, Any]]:
             "reply": message.format.reply,
             "progress": message.format.progress,
             "life_cycle": message.format.life_cycle,
+            "retry": message.format.retry,
         }
         for message in central.registry.messages.values()
     ]

@@ -24,7 +24,7 @@ from tca_module.session.registering import register_headers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
 from tca_module.sockets.transport import accepts_connections
-from tca_wire.messages.declarations import Message
+from tca_wire.messages.message import Message, with_needed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import HandlerFormat
@@ -92,7 +92,9 @@ class Connection(Waits):
         With *is_ready*, also inform central that the module has made all attachments of its start.
         Raises FormatRefused if another module declares a message with other types.
         """
-        new = [message for message in messages if not self.has_declared(message)]
+        for message in messages:
+            check_message(message)
+        new = [one for one in with_needed(messages) if not self.has_declared(one)]
         handled = list(handlers)
         if not new and not handled and not is_ready:
             return

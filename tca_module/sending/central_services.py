@@ -16,13 +16,14 @@ from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.session.request import Request
 from tca_wire.life_cycles import read_life_cycle
-from tca_wire.messages.controls import ExceptionHandler, Monitor
+from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import (
     Command,
     D,
     Message,
     MultiQuery,
     Query,
+    Retry,
     TaskMessage,
     Variable,
 )
@@ -82,13 +83,11 @@ class CentralServices:
     def _declare(
         self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN
     ) -> Connection:
-        """Declare *messages*, and the parts of each monitor. Return the connection."""
+        """Declare *messages* and those that they need. Return the connection."""
         connection = self._connection()
         if all(map(connection.has_declared, messages)):
             return connection
-        monitors = [message for message in messages if isinstance(message, Monitor)]
-        parts = [part for monitor in monitors for part in monitor.parts if part is not None]
-        connection.declare(*parts, *messages, within=within)
+        connection.declare(*messages, within=within)
         return self._connection()  # once more: central may have been restarted in the meantime
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
@@ -470,6 +469,7 @@ class CentralServices:
         if issubclass(kind, TaskMessage):
             options["life_cycle"] = read_life_cycle(found.life_cycle)
             options["progress"] = PlainFormat(found.progress) if found.progress else None
+            options["retry"] = Retry.of_policy(found.retry) if found.retry is not None else None
         message: Message[Any, Any] = kind(name, PlainFormat(found.data), **options)
         return message
 

@@ -2,6 +2,8 @@
 
 import msgspec
 
+from tca_wire.packets.parts import RetryPolicy
+
 
 class ResourceInfo(msgspec.Struct, frozen=True):
     """A resource of a module, as central reports it.
@@ -74,6 +76,7 @@ class MessageInfo(msgspec.Struct, frozen=True):
         reply: the format of the reply or result, as a JSON Schema.
         progress: the format of a task's intermediate results; "" without any.
         life_cycle: the table of a task's life cycle; "" for the general life cycle.
+        retry: the retry policy of its tasks; None without any.
         handled_by: the message's handlers, newest first.
     """
 
@@ -83,4 +86,5 @@ class MessageInfo(msgspec.Struct, frozen=True):
     reply: str
     progress: str
     life_cycle: str
+    retry: RetryPolicy | None
     handled_by: tuple[HandlerInfo, ...]

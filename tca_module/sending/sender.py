@@ -46,6 +46,9 @@ _RECOVERIES = checks.list_of(
 )
 
 
+_NO_RETRY = Retry(1)
+"""The policy of a task that is not retried, although its message declares retries."""
+
 _RETRY = checks.instance_of("a Retry, such as Retry(3)", Retry).or_none(" for no retry")
 
 
@@ -194,11 +197,9 @@ class Sender(WatchingServices, QuestionServices):
         if options:
             check_options(message.title, options, TaskOptions)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
-        retry = options.get("retry", message.retry)
-        others: list[Message[Any, Any]] = [recovery.handler for recovery in recoveries]
-        if retry is not None and retry.fallback is not None:
-            others.append(retry.fallback)
-        connection = self._declare(message, *others)
+        retry = (options["retry"] or _NO_RETRY) if "retry" in options else None
+        needs = retry.needs if retry is not None else ()
+        connection = self._declare(message, *(one.handler for one in recoveries), *needs)
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(

@@ -5,6 +5,7 @@ several threads use.
 """
 
 import threading
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -71,9 +72,7 @@ class LastingAttachments:
             self._wanted.pop(key, None)
             name = header.listener if isinstance(header, Tap) else header.attachment.handler
             named = [known[each] for each in (name, header.message) if each in known]
-            # The messages that a monitor consists of must be declared before the monitor.
-            parts = [known[part] for one in named for part in one.parts if part in known]
-            self._wanted[key] = LastingAttachment(header, [*parts, *named], number)
+            self._wanted[key] = LastingAttachment(header, [*_with_needed(named, known)], number)
 
     def find(self, header: Attach | Tap) -> LastingAttachment | None:
         """Return the attachment made by a request; None for one to a task, or a removed one."""
@@ -123,3 +122,12 @@ def _key(header: Attach | Tap) -> tuple[Any, ...]:
     if isinstance(header, Tap):
         return Tap, header.message, header.condition, header.listener
     return Attach, header.message, header.attachment.failure, header.attachment.handler
+
+
+def _with_needed(
+    formats: Iterable[MessageFormat], known: dict[str, MessageFormat]
+) -> Iterator[MessageFormat]:
+    """Yield formats, each after those that must be declared before it."""
+    for one in formats:
+        yield from _with_needed((known[name] for name in one.needs if name in known), known)
+        yield one

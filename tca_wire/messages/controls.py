@@ -7,6 +7,7 @@
     BATTERY = PollingMonitor("battery", condition=IS_LOW, action=GO_HOME)
 """
 
+from collections.abc import Sequence
 from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
@@ -71,6 +72,11 @@ class Monitor(Message[D, None]):
         """The monitor's format, as registered with central."""
         names = [part.name if part is not None else "" for part in self.parts]
         return msgspec.structs.replace(super().format, parts=names)
+
+    @property
+    def needs(self) -> Sequence[Message[Any, Any]]:
+        """The messages that must be declared before this one: its parts."""
+        return [part for part in self.parts if part is not None]
 
     def _check_class(self, part_name: str, message: Any, kinds: tuple[type, ...]) -> None:
         if not isinstance(message, kinds):

@@ -7,9 +7,8 @@ Declared once, in the robot's own ``messages.py``::
     NEXT_STANCE = Query("next stance", Pose, reply=Stance)
 """
 
-import inspect
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Generic, TypedDict, Unpack, overload
 
 import msgspec
 
@@ -17,122 +16,26 @@ from tca_wire.errors import BadData, BadFormat, CopyableError
 from tca_wire.life_cycles import GENERAL, LifeCycle
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
+from tca_wire.messages.message import D, Declaring, Message, R, checked_name, format_of
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
-from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, is_name
+from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass
 
-D = TypeVar("D")
-R = TypeVar("R")
-
-
-class Declaring(type):
-    """The metaclass of declarations: errors for wrong arguments name the declared class."""
-
-    @property
-    def __signature__(cls) -> inspect.Signature:
-        """The arguments of the class itself, for ``help``."""
-        signature = inspect.signature(cls.__init__)  # type: ignore[misc]  # of the class itself
-        return signature.replace(parameters=list(signature.parameters.values())[1:])
-
-    # Hidden from type checkers: they would infer Any for every declaration, instead of reading
-    # __init__.
-    if not TYPE_CHECKING:
-
-        def __call__(cls, *arguments: Any, **options: Any) -> Any:
-            """Create a declaration. Raises TypeError."""
-            signature = cls.__signature__
-            try:
-                # Report a wrong name before a missing one.
-                signature.bind_partial(*arguments, **options)
-                signature.bind(*arguments, **options)
-            except TypeError as error:
-                problem = str(error).replace(" keyword-only", "")
-                raise TypeError(
-                    f"{cls.__name__}(): {problem}: write {cls.__name__}{_without_types(signature)}"
-                ) from None
-            return super().__call__(*arguments, **options)
-
-
-def _without_types(signature: inspect.Signature) -> inspect.Signature:
-    empty = inspect.Parameter.empty
-    return inspect.Signature(
-        [one.replace(annotation=empty) for one in signature.parameters.values()]
-    )
-
-
-def _checked_name(name: str) -> str:
-    if not isinstance(name, str) or not is_name(name):
-        msg = f"{name!r:.40} is not a message name: give 1 to {Limit.NAME:d} printable characters"
-        raise BadFormat(msg)
-    return name
-
-
-def _format(kind: Any, subject: str) -> Format[Any]:
-    """Return the format of a type (None: no data); a format is returned as it is."""
-    try:
-        if isinstance(kind, Format):
-            return kind
-        return Format(type(None) if kind is None else kind)
-    except BadFormat as error:
-        why = f": {error}"
-        if isinstance(kind, str | int | float | Message | Failure):
-            why = f" must be a type, such as float or list[str], not {kind!r:.60}"
-        raise BadFormat(subject + why) from None
-
-
-class Message(Generic[D, R], metaclass=Declaring):
-    """A declared message: data of type D, reply or result of type R. Use one of the subclasses."""
-
-    message_class: ClassVar[MessageClass]
-
-    def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
-        self.name = _checked_name(name)
-        self.title = f"{self.message_class} '{name}'"  #: for errors
-        self.data: Format[D] = _format(data, f"the data of {self.title}")
-        reply_of = f"the {'result' if self.message_class.is_task else 'reply'} of {self.title}"
-        self.reply: Format[R] = _format(reply, reply_of)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
-
-    @property
-    def format(self) -> MessageFormat:
-        """The message's format, as registered with central."""
-        return MessageFormat(self.name, self.message_class, self.data.schema, self.reply.schema)
-
-    def encode_data(self, data: D) -> bytes:
-        """Encode *data*. Raises BadData, naming message and field."""
-        if data is not None and self.data.kind is type(None):
-            msg = f"{self.title} is declared without data, but got {data!r:.60}"
-            raise BadData(msg)
-        try:
-            return self.data.encode(data)
-        except BadData as error:
-            msg = f"{self.title} wants data of type {self.data}: {error}"
-            raise BadData(msg) from None
-
-    def decode_data(self, data: bytes) -> D:
-        """Decode the data of a received message. Raises BadData, naming message and field."""
-        try:
-            return self.data.decode(data)
-        except BadData as error:
-            msg = f"{self.title} came with data that is not of type {self.data}: {error}"
-            raise BadData(msg) from None
-
-    def encode_reply(self, reply: R) -> bytes:
-        """Encode a handler's return value. Raises BadData, naming message and field."""
-        try:
-            return self.reply.encode(reply)
-        except BadData as error:
-            msg = f"the handler of {self.title} must return {self.reply}: {error}"
-            raise BadData(msg) from None
-
-    def decode_reply(self, reply: bytes) -> R:
-        """Decode the reply or result of a message. Raises BadData, naming message and field."""
-        try:
-            return self.reply.decode(reply)
-        except BadData as error:
-            msg = f"the answer to {self.title} is not of type {self.reply}: {error}"
-            raise BadData(msg) from None
+__all__ = (
+    "Broadcast",
+    "Command",
+    "D",
+    "Failure",
+    "FailureRaised",
+    "Goal",
+    "Inform",
+    "Message",
+    "MultiQuery",
+    "Query",
+    "R",
+    "Retry",
+    "TaskMessage",
+    "Variable",
+)
 
 
 class Inform(Message[D, None]):
@@ -256,7 +159,9 @@ class TaskMessage(Message[D, R]):
         retry: "Retry | None",
     ) -> None:
         super().__init__(name, data, result)
-        self.progress: Format[Any] = _format(progress, f"the intermediate results of {self.title}")
+        self.progress: Format[Any] = format_of(
+            progress, f"the intermediate results of {self.title}"
+        )
         if not isinstance(life_cycle, LifeCycle):
             raise BadFormat(
                 f"the life cycle of {self.title} must be a LifeCycle, such as GENERAL,"
@@ -267,15 +172,21 @@ class TaskMessage(Message[D, R]):
             text = f"retry= of {self.title} must be a Retry, such as Retry(3), not {retry!r:.60}"
             raise BadFormat(text)
         self.retry = retry
-        if retry is not None:
-            retry.policy_for(self)  # raises BadFormat for a fallback that does not fit
+        self._policy = None if retry is None else retry.policy_for(self)
 
     @property
     def format(self) -> MessageFormat:
         """The task's format, as registered with central."""
         progress = "" if self.progress.kind is type(None) else self.progress.schema
         life_cycle = "" if self.life_cycle == GENERAL else self.life_cycle.text
-        return msgspec.structs.replace(super().format, progress=progress, life_cycle=life_cycle)
+        return msgspec.structs.replace(
+            super().format, progress=progress, life_cycle=life_cycle, retry=self._policy
+        )
+
+    @property
+    def needs(self) -> Sequence[Message[Any, Any]]:
+        """The messages that must be declared before this one: its fallback."""
+        return self.retry.needs if self.retry is not None else ()
 
 
 class _TaskOptions(TypedDict, total=False):
@@ -443,8 +354,8 @@ class Failure(Generic[D], metaclass=Declaring):
     def __init__(
         self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None
     ) -> None:
-        self.name = _checked_name(name)
-        self.data: Format[D] = _format(data, f"the data of failure '{name}'")
+        self.name = checked_name(name)
+        self.data: Format[D] = format_of(data, f"the data of failure '{name}'")
         self._check_kind(kind_of)
         self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
 
@@ -557,6 +468,18 @@ class Retry:
             self.fallback.name if self.fallback is not None else "",
             self.fallback.encode_data(data[0]) if self.fallback is not None and data else b"",
         )
+
+    @classmethod
+    def of_policy(cls, policy: RetryPolicy) -> "Retry":
+        """Return a declared policy, whose fallback is declared already."""
+        retry = cls()
+        retry._policy = policy
+        return retry
+
+    @property
+    def needs(self) -> Sequence[Message[Any, Any]]:
+        """The messages that must be declared before the policy: its fallback."""
+        return () if self.fallback is None else (self.fallback,)
 
     def policy_for(self, message: TaskMessage[Any, Any]) -> RetryPolicy:
         """Return the policy of a message's tasks. Raises BadFormat if the fallback misfits."""

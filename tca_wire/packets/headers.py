@@ -133,7 +133,7 @@ class Send(Numbered, frozen=True, tag=4):
     quiet: bool = False
     """TasksMade confirms the new task, with others, before the next answer of another kind."""
     retry: RetryPolicy | None = None
-    """The retry policy of the new goal or command."""
+    """The retry policy of the new goal or command, in place of the declared one."""
 
 
 class Reply(OfDelivery, frozen=True, tag=5):

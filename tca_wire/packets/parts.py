@@ -36,6 +36,27 @@ class OfDelivery(WireArray, frozen=True):
     delivery: int
 
 
+class RetryPolicy(WireArray, frozen=True):
+    """The retries of a task that central makes by itself, and its *fallback*. Times in seconds."""
+
+    attempts: int
+    """The greatest number of handlings of the task, with the first one."""
+    pause: float = 0
+    """The pause before the first retry."""
+    backoff: float = 1
+    """The factor of each further pause."""
+    longest_pause: float = 0
+    """The bound of all pauses."""
+    attempt_timeout: float = 0
+    """The time after which a running attempt fails with "timeout" (0: no limit)."""
+    failures: Annotated[list[str], MANY] = []
+    """The failures that the policy is for; without any, all but "uncertain"."""
+    fallback: str = ""
+    """The goal or command that replaces the task after its last attempt ("": none)."""
+    data: bytes = b""
+    """The data of the fallback (empty: the task's own data)."""
+
+
 class MessageFormat(WireArray, frozen=True):
     """A message's name, class and formats (JSON Schema as text; "" for no reply)."""
 
@@ -52,6 +73,14 @@ class MessageFormat(WireArray, frozen=True):
     """The format of a task's intermediate results ("": it has none)."""
     life_cycle: str = ""
     """The table of a task's life cycle ("": the general one)."""
+    retry: RetryPolicy | None = None
+    """The retry policy of its tasks, unless their sender gives another one."""
+
+    @property
+    def needs(self) -> list[str]:
+        """The messages that must be declared before this one: its parts and its fallback."""
+        fallback = [self.retry.fallback] if self.retry is not None and self.retry.fallback else []
+        return [part for part in self.parts if part] + fallback
 
 
 class HandlerFormat(WireArray, frozen=True):
@@ -94,27 +123,6 @@ class Attachment(WireArray, frozen=True):
     failure: str
     handler: str
     maximum: int = 0
-
-
-class RetryPolicy(WireArray, frozen=True):
-    """The retries of a task that central makes by itself, and its *fallback*. Times in seconds."""
-
-    attempts: int
-    """The greatest number of handlings of the task, with the first one."""
-    pause: float = 0
-    """The pause before the first retry."""
-    backoff: float = 1
-    """The factor of each further pause."""
-    longest_pause: float = 0
-    """The bound of all pauses."""
-    attempt_timeout: float = 0
-    """The time after which a running attempt fails with "timeout" (0: no limit)."""
-    failures: Annotated[list[str], MANY] = []
-    """The failures that the policy is for; without any, all but "uncertain"."""
-    fallback: str = ""
-    """The goal or command that replaces the task after its last attempt ("": none)."""
-    data: bytes = b""
-    """The data of the fallback (empty: the task's own data)."""
 
 
 class WatchOptions(WireArray, frozen=True):

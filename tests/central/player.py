@@ -26,7 +26,7 @@ from tca_wire.journal.facts import Entry
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
-from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.parts import HandlerFormat, MessageFormat, RetryPolicy
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
@@ -60,6 +60,7 @@ class Player:
         self.numbers: dict[str, int] = {}
         self.principals: dict[str, str] = {}  #: by connection; "" is the user that runs central
         self.life_cycles: dict[str, str] = {}  #: the declared table, by message
+        self.retries: dict[str, RetryPolicy] = {}  #: the declared policy, by message
 
     @classmethod
     def of(cls, *modules: str, check: bool = True) -> Self:
@@ -181,10 +182,10 @@ class Player:
         return MessageFormat(name, message_class, INTEGER, reply)
 
     def declared(self, words: str) -> MessageFormat:
-        """Return the declaration of a message, with the life cycle set in `life_cycles`."""
+        """Return the declaration of a message, with its `life_cycles` and `retries`."""
         message = self.format(words)
-        life_cycle = self.life_cycles.get(message.name, "")
-        return msgspec.structs.replace(message, life_cycle=life_cycle) if life_cycle else message
+        life_cycle, retry = self.life_cycles.get(message.name, ""), self.retries.get(message.name)
+        return msgspec.structs.replace(message, life_cycle=life_cycle, retry=retry)
 
     def declare(self, connection: str, *messages: str) -> list[Any]:
         declared = [self.declared(words) for words in messages]

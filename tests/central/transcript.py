@@ -13,6 +13,7 @@ garbage NAME                                                     it sends no val
 NAME: bye
 NAME: handle MESSAGE no more
 NAME: declare CLASS MESSAGE of PART, PART, ...                   for monitors
+NAME: declare CLASS MESSAGE retry <FIELD=JSON ...>               for all modules that declare it later
 
 NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed]
             [again] [if handled] [kept] [suspended] [from outside] [here]
@@ -263,6 +264,11 @@ class Transcript:
         return self.player.reply(
             name, int(delivery or 0), {"true": True, "false": False}.get(value, value)
         )
+
+    def declare_retry(self, name: str, what: str, retry: str) -> list[Any]:
+        message = self.player.format(what).name
+        self.player.retries[message] = RetryPolicy(**read_fields(RetryPolicy, retry))
+        return self.player.declare(name, what)
 
     def declare(self, name: str, message_class: str, message: str, parts: str) -> list[Any]:
         names = ["" if part.strip() == "none" else part.strip() for part in parts.split(",")]
@@ -542,6 +548,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: await (?P<messages>.*?)(?: to handle (?P<promised>.*))?", Transcript.await_messages),
     (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
+    (rf"{NAME}: declare (?P<what>[\w ]+) retry <(?P<retry>.*?)>", Transcript.declare_retry),
     (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),
     (rf"{NAME}: tap (?P<condition>[\w ]+) of (?P<place>\w+) with (?P<listener>\w+)(?P<options>.*)", Transcript.tap),
     (rf"{NAME}: fire (?P<task>\w+)(?: with (?P<action>\w+))?", Transcript.fire),

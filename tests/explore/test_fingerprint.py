@@ -340,6 +340,7 @@ def test_fingerprint_tables_name_existing_attributes() -> None:
     central = Central()
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message
     module = Module("legs", "legs", "run", "")
+    attached = AttachedHandler(1, "", message, 0, message, "legs")
     things = [
         central,
         central.tree,
@@ -362,8 +363,8 @@ def test_fingerprint_tables_name_existing_attributes() -> None:
         Tapping(),
         Watch(central.tree.root, WatchOptions(), []),
         PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
-        FailureContext(*[None] * 5),  # type: ignore[arg-type]
-        AttachedHandler(1, "", message, 0, message, "legs"),
+        FailureContext(None, None, None, attached, None),  # type: ignore[arg-type]
+        attached,
     ]
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)

@@ -13,6 +13,7 @@ from tca_module import (
     Command,
     ExceptionHandler,
     Failure,
+    FormatRefused,
     Goal,
     MisuseError,
     Module,
@@ -53,6 +54,32 @@ def lifted(legs: Module) -> list[float]:
 def test_declared_policy_retries_tasks(legs: Module, user: Client, lifted: list[float]) -> None:
     with legs.running():
         assert user.command(LIFT, 3.0).result(SOON) == 3
+
+
+def test_declared_policy_retries_tasks_sent_by_name(
+    legs: Module, user: Client, lifted: list[float]
+) -> None:
+    with legs.running():
+        assert user.command(user.declared("lift"), 3.0).result(SOON) == 3
+
+
+def test_declared_policies_must_agree(legs: Module, user: Client, lifted: list[float]) -> None:
+    with legs.running(), pytest.raises(FormatRefused, match="retry policy"):
+        user.command(Command("lift", float, result=int), 3.0)
+
+
+def test_declared_fallback_replaces_a_task(legs: Module, user: Client) -> None:
+    called: list[float] = []
+    reach = Command("reach", float, retry=Retry(1, otherwise=CALL_HELP))
+    legs.handles(CALL_HELP)(lambda _, height: called.append(height))
+
+    @legs.handles(reach)
+    def slip(_: Task, __: float) -> None:
+        raise SLIPPED()  # noqa: RSE102 - a declaration
+
+    with legs.running():
+        assert user.command(user.declared("reach"), 7.0).wait(SOON) is Outcome.RESOLVED
+    assert called == [7.0]
 
 
 def test_senders_policy_replaces_declared_one(

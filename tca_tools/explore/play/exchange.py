@@ -29,6 +29,7 @@ from tca_tools.explore.scenario.scenario import Scenario
 from tca_wire.journal.facts import Entry, Fact, Ignored, RequestRefused
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.messages.message import with_needed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Requested
 from tca_wire.points import TaskId
@@ -233,7 +234,7 @@ class Exchange:
                     f"{line.run.name} sends {message.message_class} '{message.name}', which no "
                     "module of the scenario handles: add a handler for it"
                 )
-        formats = [message.format for message in step.declares]
+        formats = [message.format for message in with_needed(step.declares)]
         new = [
             declared
             for declared in formats

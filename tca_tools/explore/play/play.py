@@ -21,6 +21,7 @@ from tca_tools.explore.play.identifiers import numbers_shown
 from tca_tools.explore.play.inbox import SlotInbox
 from tca_tools.explore.scenario.scenario import Scenario
 from tca_tools.explore.scenario.steps import HandlerInput, ScriptRun, StepResult
+from tca_wire.messages.message import with_needed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import PROTOCOL_VERSION
@@ -290,7 +291,8 @@ class Play(Exchange):
         module, done = run.module, run.steps_joined
         if done == 1:
             programs = module.handlers.values()
-            messages = [one.message.format for one in programs if one.message]
+            handled = [one.message for one in programs if one.message]
+            messages = [message.format for message in with_needed(handled)]
             self.receive(run.name, headers.Register(self.next_number(), messages, module.formats))
         else:
             resource = module.slots[done - 2] if done else ""
