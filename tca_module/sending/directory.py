@@ -76,8 +76,8 @@ class MessageInfo(msgspec.Struct, frozen=True):
         reply: the format of the reply or result, as a JSON Schema.
         progress: the format of a task's intermediate results; "" without any.
         life_cycle: the table of a task's life cycle; "" for the general life cycle.
-        retry: the retry policy of its tasks; None without any.
         handled_by: the message's handlers, newest first.
+        retry: the retry policy of its tasks; None without any.
     """
 
     name: str = msgspec.field(name="message")
@@ -86,5 +86,5 @@ class MessageInfo(msgspec.Struct, frozen=True):
     reply: str
     progress: str
     life_cycle: str
-    retry: RetryPolicy | None
     handled_by: tuple[HandlerInfo, ...]
+    retry: RetryPolicy | None = None

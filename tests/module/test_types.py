@@ -29,7 +29,7 @@ from tca_module import (
     TaskOptions,
 )
 from tca_module.session.registering import register_headers
-from tca_wire.messages.declarations import Declaring
+from tca_wire.messages.message import Declaring
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Register
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
