@@ -41,7 +41,13 @@ from tca_wire.journal.records import JournalReader, record
 from tca_wire.packets import headers
 from tca_wire.packets.codec import pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Attach, Hello, Register, Send, Tap, ToCentral
-from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
+from tca_wire.packets.parts import (
+    Attachment,
+    HandlerFormat,
+    MessageFormat,
+    RetryPolicy,
+    WatchOptions,
+)
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition, MessageClass
@@ -61,6 +67,7 @@ _DECLARED = (
     MessageFormat("look", MessageClass.POINT_MONITOR, _INT, "", ["where", "move"]),
     MessageFormat("watch", MessageClass.POLLING_MONITOR, _INT, "", ["where", "note"]),
     MessageFormat("guard", MessageClass.DEMON_MONITOR, _INT, "", ["", "move", "note"]),
+    MessageFormat("lift", MessageClass.GOAL, _INT, retry=RetryPolicy(2, fallback="move")),
 )
 _NAMES = tuple(one.name for one in _DECLARED)
 _RESOURCES = ("legs", "planner", "user", "eyes")
