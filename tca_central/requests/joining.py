@@ -512,8 +512,12 @@ def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None
 def _route_again(central: State, queued: list[Delivery]) -> None:
     """Route messages again whose handlers were removed.
 
-    Exception handlers come first, because they may end other tasks.
+    Exception handlers come first, because they may end other tasks. A task that the same event has
+    killed is not queued again.
     """
+    killed = [one for one in queued if isinstance(one, Task) and one.killed]
+    central.facts.extend(facts.Unqueued(task.handling_id) for task in killed)
+    queued = [delivery for delivery in queued if delivery not in killed]
     stranded = [delivery for delivery in queued if delivery.is_stranded]
     others = [delivery for delivery in queued if not delivery.is_stranded]
     central.dispatcher.route_all(stranded)

@@ -9,7 +9,7 @@ from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.link.turns import TURN_SECONDS, Turns
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, never, wake_error, working_on
 from tca_module.session.request import Request
-from tca_module.session.session import quiet_within
+from tca_module.session.session import UNBROKEN, quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
@@ -36,8 +36,7 @@ class WaitLoop:
         self._handler: OpenDelivery | None = None
         self._silent_since = line.clock()  #: when central's silence for that handler started
         self._wait_ended = self._silent_since  #: when the last wait of that handler ended
-        #: a probe of central: no prefetched message begins before its answer
-        self._probe: Request | None = None
+        self._looked_at = self._silent_since  #: when the thread last looked at its line
 
     def until(
         self,
@@ -194,14 +193,14 @@ class WaitLoop:
                 max(0.0, min(deadline - now, alarm - line.handler_time()))
             ):
                 due = now
-            is_next = idle_wait is not None and self._can_begin_next
+            is_next = idle_wait is not None and session.can_begin_next
             step = 0.0 if is_next else self.seconds_until_due(due, silent_since, patience, deadline)
             line.listen(0.0 if idle_wait is not None and idle_wait(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
-                # This process stood still. Central may have sent packets that are not read yet.
-                silent_since = self._silent_since = now
-                self._recheck_prefetched()
+                silent_since = self._silent_since = now  # this process stood still
+            self._end_pause(now - before - step)
+            self._looked_at = now
             if idle_wait is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # listens to central in between
             is_silent = now >= max(session.heard, silent_since) + patience
@@ -240,26 +239,20 @@ class WaitLoop:
             within = STEP
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
-    def _recheck_prefetched(self) -> None:
-        """Probe central after this process stood still.
-
-        Central may have given the prefetched messages to another slot during the standstill.
-        """
-        self._line.listen_to_all()
-        if self._session.prefetched and (self._probe is None or self._probe.is_over):
-            self._probe = self._session.probe()
-
-    @property
-    def _can_begin_next(self) -> bool:
-        """Whether a prefetched message may begin, as far as is known."""
-        return self._session.may_begin_next and (self._probe is None or self._probe.is_over)
+    def _end_pause(self, seconds: float) -> None:
+        """Probe central after a long pause. The packets that arrived in it are read first."""
+        if seconds > UNBROKEN:
+            self._line.listen_to_all()
+            self._session.recheck_prefetched()
 
     def _check_next(self) -> bool:
         """Process recalls that have arrived; return whether a prefetched message may begin."""
-        if self._can_begin_next:
+        if self._session.can_begin_next:
             self._line.listen_to_all()
             self._line.flush()  # returned deliveries must not wait for a handler
-        return self._can_begin_next
+            # A handler before this wait, or a packet that did not leave, made a pause.
+            self._end_pause(self._clock() - self._looked_at)
+        return self._session.can_begin_next
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
         """Handle prefetched or direct messages for a millisecond, when nothing else is due."""

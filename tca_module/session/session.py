@@ -46,6 +46,7 @@ IDLE = 45.0  # the same for an idle connection; central sends it a heartbeat eve
 REPEAT = 1.0  # seconds between two probes
 CONFIRM_EVERY = 100  # unconfirmed statements after which central is probed
 PREFETCH = 64  # messages that a slot may prefetch
+UNBROKEN = 0.05  # seconds within which no broken line comes back
 # replies to repeat after a break; a later delivery shows that older replies have arrived
 _REPLIES_RETAINED = PREFETCH + 8
 
@@ -92,6 +93,8 @@ class Session(OpenRequests):
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()
         #: prefetched deliveries, to handle after all earlier ones
         self.prefetched: deque[tuple[headers.Deliver, bytes]] = deque()
+        #: the newest probe because of prefetched messages
+        self._recheck: Request | None = None
         #: headers about direct messages
         self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()
         self.dropped = 0  #: number of statements that never left
@@ -206,6 +209,20 @@ class Session(OpenRequests):
         """Whether a prefetched message may begin: no handler runs, and the module does not end."""
         is_free = bool(self.prefetched) and self.open_deliveries.occupying == len(self.prefetched)
         return is_free and not self.open_deliveries.is_ending()
+
+    @property
+    def can_begin_next(self) -> bool:
+        """Whether a prefetched message may begin, and central has answered the newest recheck."""
+        return self.may_begin_next and (self._recheck is None or self._recheck.is_over)
+
+    def recheck_prefetched(self) -> None:
+        """Let no prefetched message begin before central answers a probe.
+
+        After a pause of ``UNBROKEN`` seconds, the line may be a new one. Central may have given the
+        messages to another slot, or their resource to the holder of a lock.
+        """
+        if self.prefetched and (self._recheck is None or self._recheck.is_over):
+            self._recheck = self.probe()
 
     @property
     def is_claiming(self) -> bool:

@@ -91,7 +91,7 @@ def test_retried_exception_handler_is_no_longer_spared() -> None:
     player.module("legs", "command move", capacity=2)
     player.module("expert", "exception handler recover", capacity=2)
     player.module("user")
-    player.declare("user", "command move")
+    player.declare("user", "command move", "command check")
     player.request("user", headers.Attach, Attachment("", "recover"))
     for slot in (1, 2):
         player.task("user", "move", flags=Flags.NONE)
@@ -99,6 +99,8 @@ def test_retried_exception_handler_is_no_longer_spared() -> None:
     recovers = player.delivered("expert/2")[-1]
     player.receive("expert/2", headers.Bye())
     player.lose("expert")
+    tapped = TaskId(recovers)  # no module handles the listener, so the task is not queued again
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "check", "", tapped)
     assert recovers in player.central.tree.tasks
     player.request("user", headers.Retry, TaskId(recovers))
     assert recovers not in player.central.tree.tasks

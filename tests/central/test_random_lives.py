@@ -1,6 +1,6 @@
 """Random lives of central: the invariants hold after every event, and everything ends."""
 
-from central.player import Player, point
+from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, Operations, operations
@@ -10,9 +10,9 @@ from tca_central.model.intervals import unified
 from tca_central.model.tasks import Task
 from tca_central.order.cycles import NON_MONITORS_ENDED, Place, all_before, successors
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.journal.facts import Delivered, Reached, Received
+from tca_wire.journal.facts import Delivered, Killed, Reached, Received
 from tca_wire.packets import headers
-from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.points import ROOT, STARTS, Moment, TaskId, start_of
 
 
 @given(operations)
@@ -104,9 +104,11 @@ def stuck(task: Task) -> str:
 
 
 def _check_reached_moments(life: Life) -> None:
-    """Check that each task reached each moment once, and met all its constraints."""
+    """Check that each task reached each moment once, and met all its constraints. A delay after an
+    interval that a killed task never began is not kept.
+    """
     reached: dict[tuple[int, int], int] = {}
-    killed = {fact.task for fact in life.player.facts_of("killed")}
+    never_began: dict[int, int] = {}  #: by killed task
     constraints: list[Constraint] = []
     order = 0
     times: dict[tuple[int, int], float] = {}
@@ -116,6 +118,9 @@ def _check_reached_moments(life: Life) -> None:
                 constraints += fact.constraints
             elif fact.__struct_config__.tag == "constrained":
                 constraints += fact.constraints  # type: ignore[union-attr]
+            elif isinstance(fact, Killed):
+                begun = sum(moment for moment in Moment if (fact.task, moment) in reached)
+                never_began[int(fact.task)] = STARTS & ~begun
             elif isinstance(fact, Reached):
                 order += 1
                 for moment in Moment:
@@ -124,14 +129,15 @@ def _check_reached_moments(life: Life) -> None:
                         reached[fact.task, moment] = order
                         times[fact.task, moment] = entry.time
     for constraint in constraints:
-        if constraint.after.task not in killed:
+        if constraint.after.task not in never_began:
             one, other = constraint.before, constraint.after
             if one.task != ROOT:
                 assert reached[one.task, one.moment] <= reached[other.task, other.moment], (
                     constraint
                 )
+            is_void = never_began.get(one.task, 0) & start_of(one.moment)
             assert (
-                times.get((one.task, one.moment), 0.0) + constraint.delay
+                times.get((one.task, one.moment), 0.0) + (0 if is_void else constraint.delay)
                 <= times[other.task, other.moment]
             )
 
@@ -159,6 +165,19 @@ def _check_variable_handlers(life: Life) -> None:
     }
     for handler in life.central.registry.messages["mode"].handlers:
         assert newest.get(handler.module.name) == (value.message_id if value else None)
+
+
+def test_delay_after_a_start_that_never_came_is_not_required() -> None:
+    life, player = Life(), Player()
+    life.player = player
+    player.module("user")
+    player.module("legs", "command move")
+    unbegun = player.task("user", "move", suspended=True)
+    delay = before(point(unbegun, Moment.START_HANDLING), point(-1, Moment.START_ACHIEVING), 60)
+    player.task("user", "move", flags=Flags.NONE, constraints=(delay,))
+    player.request("user", headers.Kill, TaskId(unbegun))
+    player.reply("legs/1")
+    _check_reached_moments(life)
 
 
 def test_deep_and_wide_trees_end_without_recursion() -> None:

@@ -5,8 +5,8 @@ from module.scripted_central import HELLO, ScriptedCentral, accept_all, scripted
 
 from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
-from tca_module.link.packet_line import SEND_WAIT, STALL, STEP
-from tca_module.session.session import QUIET, Session
+from tca_module.link.packet_line import SEND_WAIT, STEP
+from tca_module.session.session import QUIET, UNBROKEN, Session
 from tca_wire.messages.declarations import Goal
 from tca_wire.packets import headers
 from tca_wire.packets.headers import (
@@ -268,11 +268,14 @@ def test_prefetched_message_is_not_begun_when_module_ends() -> None:
     ).serve() == [8, 9]
 
 
+@pytest.mark.parametrize("is_nested", [False, True])
 @pytest.mark.parametrize("is_forgotten", [False, True])
-def test_stalled_process_asks_before_prefetched_message_begins(*, is_forgotten: bool) -> None:
-    slot = ScriptedSlot(
-        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), durations={9: STALL + 0.1}
-    )
+def test_pause_is_followed_by_probe_before_prefetched_message(
+    *, is_forgotten: bool, is_nested: bool
+) -> None:
+    """In the pause, the line may have broken and come back."""
+    arrivals = Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2)
+    slot = ScriptedSlot(*arrivals, durations={9: 2 * UNBROKEN}, is_nested=is_nested)
     begun_when_asked: list[list[int]] = []
 
     def script(header: ToCentral) -> list[ToModule]:

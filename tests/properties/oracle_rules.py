@@ -320,7 +320,7 @@ def _consider_start(
     world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]
 ) -> bool:
     """Queue a task that is ready, or take a task that is not ready out of the queue. *Before* taps
-    may fire while a task is queued; the task then keeps its place.
+    may fire while a task is queued. If one has a listener, the task is queued again in its place.
     """
     is_ready = _is_ready(world, node, held, children)
     if node.waiting and not is_ready:
@@ -330,8 +330,9 @@ def _consider_start(
         return True
     if not is_ready:
         return False
-    if oracle_taps.fire_before(world, node, {SH} if SH in node.past else start_moments(node)):
-        node.waiting = False
+    starts = {SH} if SH in node.past else start_moments(node)
+    if fired := oracle_taps.fire_before(world, node, starts):
+        node.waiting &= not any(oracle_taps.is_heard(world, tap) for tap in fired)
         return True
     if node.waiting:
         return False
@@ -378,7 +379,7 @@ def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: 
             or not _may_reach(node, moment, held, children)
         ):
             continue
-        if is_tapped := oracle_taps.fire_before(world, node, {moment}):
+        if is_tapped := bool(oracle_taps.fire_before(world, node, {moment})):
             break
         node.past = node.past | {moment}
     if node.past == before:

@@ -70,8 +70,8 @@ def taps_in_force(world: World) -> list[Tap]:
     return [*of_tasks, *(tap for taps in world.taps.values() for tap in taps)]
 
 
-def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
-    """Fire the taps before *moments*. Return whether there were any."""
+def fire_before(world: World, node: Node, moments: set[Moment]) -> list[Tap]:
+    """Fire the taps before *moments*, and return them."""
     node.fired -= {
         tap.id
         for tap in taps_of(world, node)
@@ -85,7 +85,7 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
         and tap.id not in node.fired
     ]
     if node.killed:
-        return False
+        return []
     for tap in new:
         node.fired.add(tap.id)
         node.unheard.discard(tap.id)
@@ -104,7 +104,7 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
             and interval not in listener.past
         ):
             world.pairs.append(Pair((listener, interval), (node, moment)))
-    return bool(new)
+    return new
 
 
 def fire_again(world: World, node: Node) -> None:

@@ -14,10 +14,11 @@ from sampling import lives
 
 from tca_central.core import Central
 from tca_central.model.tasks import Task
-from tca_central.needs.graph import Group, Node, needs
+from tca_central.needs.graph import Group, Node, Returning, Turn, needs
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of, waits_of
 from tca_central.order.cycles import Place, predecessors
+from tca_central.state import Collector
 from tca_tools.explain.graph import Ends, next_node, waits_now
 from tca_tools.explain.wait_words import named_waits
 from tca_tools.journal.at_time import RunAt
@@ -103,10 +104,9 @@ class ComparingPlayer(FoldedPlayer):
         a task to an idle monitor under it.
         """
         path: list[Node] = [next_of(task)]
-        if RunAt(self.history).tasks[task.id].state is TaskState.RECOVERING:
-            path.append(
-                Place(task, END_ACHIEVING)
-            )  # the exception handler decides, perhaps before the task is handled
+        # The tools name all that a task waits for at its end, perhaps before it is handled.
+        if next_node(RunAt(self.history), task.id).moment == END_ACHIEVING:
+            path.append(Place(task, END_ACHIEVING))
         seen = set(path)
         for node in path:  # grows while it is walked
             for one in (
@@ -126,11 +126,15 @@ class ComparingPlayer(FoldedPlayer):
         return {one.message_id for one in found if one is not None}
 
     def groups(self, node: Node) -> Iterator[Group | None]:
-        """Yield the needs of a node, and two more that the tools name. A suspended task also waits
-        for the predecessors of its start. A retried task also waits for constrained monitors under
-        it.
+        """Yield the needs of a node, and more that the tools name. A suspended task also waits for
+        the predecessors of its start. A retried task also waits for constrained monitors under it.
+        A handler also waits for a multi-query, which central's search for deadlocks leaves out.
         """
         yield from needs(self.central, node)
+        if isinstance(node, Returning) and (slot := node.delivery.slot) is not None:
+            for due in map(slot.outstanding.get, slot.unchecked_waits):
+                copies = due.pending.values() if isinstance(due, Collector) else ()
+                yield [Returning(one) if one.slot else Turn(one) for one in copies]
         if isinstance(node, Place) and (
             node.task.retry_pending or (node.task.suspended and node.moment & STARTS)
         ):
@@ -224,6 +228,7 @@ def live(seed: int) -> ComparingPlayer:
 @example(4_106_698_539)  # an exception handler decides on a suspended task before its start
 @example(1_065_174_457)  # a task retried three times waits once for its subtasks
 @example(4_026_247_230)  # a suspended task also waits for the start of its parent, a monitor
+@example(13_327)  # the handler before a monitor's subtask sent a multi-query
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)
 def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:

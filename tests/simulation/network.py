@@ -95,7 +95,8 @@ class Network:
         return clockwork.between(0.0001, longest if clockwork.chance(0.2) else longest / 10)
 
     def _connect_soon(self, socket: Socket) -> None:
-        self._clockwork.after(self._clockwork.between(0.01, 0.5), self._connect, socket)
+        # The socket reconnects after 0.1 s or later (``RECONNECT_IVL``).
+        self._clockwork.after(self._clockwork.between(0.1, 0.5), self._connect, socket)
 
     def _connect(self, socket: Socket) -> None:
         if socket.is_closed or socket.wire is not None:

@@ -18,7 +18,7 @@ from tca_module.session import given_up
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, working_on
 from tca_module.session.request import Request
-from tca_module.session.session import PREFETCH, Session, quiet_within
+from tca_module.session.session import PREFETCH, UNBROKEN, Session, quiet_within
 from tca_wire.packets import codec, headers
 
 PATIENCE = 10.0
@@ -163,6 +163,7 @@ class Thread:
         for before, packet in codec.packets(outgoing):
             if not self.socket.send(packet):
                 session.outgoing = outgoing[before:]
+                session.recheck_prefetched()
                 self._stuck_since = min(self._stuck_since, self.now)
                 if self.now >= self._stuck_since + SEND_WAIT:
                     self._stuck_since = FOR_EVER
@@ -222,7 +223,7 @@ class Thread:
             pass
         elif session.deliveries:
             self._begin(*session.deliveries.popleft())
-        elif session.may_begin_next and not session.is_claiming and not self.stack:
+        elif session.can_begin_next and not session.is_claiming and not self.stack:
             header, body = session.prefetched.popleft()
             session.held_replies.begin(header.delivery, self.now)
             self._begin(header, body)
@@ -371,6 +372,9 @@ class Thread:
         self.process.outside.end(work, delivery, body, failing)
         with working_on(work.open):
             is_held = self.session.reply(reply, body, self.now)
+        if not self.stack and self.now > work.began + UNBROKEN:
+            self.catch_up()
+            self.session.recheck_prefetched()
         if not is_held:
             self.flush()
 
