@@ -8,6 +8,7 @@ Declared once, in the robot's own ``messages.py``::
 """
 
 import inspect
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypedDict, TypeVar, Unpack, overload
 
@@ -15,6 +16,7 @@ import msgspec
 
 from tca_wire.errors import BadData, BadFormat, CopyableError
 from tca_wire.life_cycles import GENERAL, LifeCycle
+from tca_wire.messages.failures import misspelt
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
@@ -444,6 +446,9 @@ class Failure(Generic[D], metaclass=Declaring):
         self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None
     ) -> None:
         self.name = _checked_name(name)
+        if meant := misspelt(name):
+            advice = f"give the built-in {meant.upper().replace(' ', '_')}, or use another name"
+            warnings.warn(f"failure '{name}' is nearly '{meant}': {advice}", stacklevel=3)
         self.data: Format[D] = _format(data, f"the data of failure '{name}'")
         self._check_kind(kind_of)
         self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
@@ -474,21 +479,36 @@ class Failure(Generic[D], metaclass=Declaring):
             msg = f"the text of failure '{self.name}' must be a str, not {text!r:.60}"
             raise BadData(msg)
         try:
-            return FailureRaised(self.name, text, self.data.encode(data), self.kinds)
+            raised = FailureRaised(self.name, text, self.data.encode(data), self.kinds)
         except BadData as error:
             msg = f"failure '{self.name}' wants data of type {self.data}: {error}"
             raise BadData(msg) from None
+        raised._is_new = True  # noqa: SLF001 - of this file
+        return raised
 
 
 class FailureRaised(CopyableError):
     """A failure on its way from a handler to its task."""
 
+    __slots__ = ("_is_new",)  # not copied
+
     def __init__(self, name: str, text: str, body: bytes, kinds: Sequence[str] = ()) -> None:
         super().__init__(f"{name}: {text}" if text else name)
-        self.name, self.text, self.body, self.kinds = name, text, body, list(kinds)
+        self.name, self.text, self._body, self.kinds = name, text, body, list(kinds)
+
+    @property
+    def body(self) -> bytes:
+        """The failure's data, encoded."""
+        self._is_new = False
+        return self._body
+
+    def __del__(self) -> None:
+        if self.__traceback__ is None and getattr(self, "_is_new", False):
+            text = f"failure '{self.name}' was made, but not raised"
+            warnings.warn(f"{text}: write 'raise'", stacklevel=2)
 
 
-class Retry:
+class Retry(metaclass=Declaring):
     """How central retries a task that fails, without an exception handler of yours.
 
     The option ``retry=`` of a task, or of a ``Goal`` or ``Command``. Central retries the task even
