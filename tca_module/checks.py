@@ -334,7 +334,7 @@ def check_function(
             f"{what}: {name} is 'async def', which is not awaited here: make it a plain function"
         )
     if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
-        advice = "return the result, and task.report() intermediate ones"
+        advice = "make it a plain function, in which task.report() gives intermediate results"
         raise MisuseError(f"{what}: {name} has a 'yield', so a call does not run it: {advice}")
     possible = possible or (wanted.count(",") + 1,)
     try:
