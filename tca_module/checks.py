@@ -5,10 +5,13 @@ A MisuseError names the call, the value and the remedy.
 
 import contextlib
 import inspect
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import cache
+import warnings
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, _GeneratorContextManager
+from difflib import get_close_matches
+from functools import cache, wraps
 from types import UnionType
-from typing import Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_type_hints
 
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
@@ -28,6 +31,10 @@ from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import NO_DATA
 from tca_wire.points import Point
 from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope, is_name
+
+F = TypeVar("F", bound=Callable[..., Any])
+P = ParamSpec("P")
+T = TypeVar("T")
 
 BRIEF = 1.0
 """Seconds: central does not count a wait with a shorter timeout as a deadlock."""
@@ -242,6 +249,26 @@ def check_message(message: Any) -> None:
         )
 
 
+def checked_call(method: F) -> F:
+    """Return a method that sends one value. MisuseError tells of more values or unknown options."""
+    parameters = inspect.signature(method).parameters.values()
+    known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+    is_open = any(one.kind is one.VAR_KEYWORD for one in parameters)  # checks its options itself
+
+    @wraps(method)
+    def call(sender: Any, message: Any, data: Any = None, *more: Any, **options: Any) -> Any:
+        unknown = [] if is_open else [name for name in options if name not in known]
+        if more or unknown:
+            check_message(message)
+            text = f"has data of type {message.data}, but got {1 + len(more)} values: give one"
+            if unknown:
+                text = f"has no option {unknown[0]}: the options are {', '.join(known) or 'none'}"
+            raise MisuseError(f"{message.title} {text}")
+        return method(sender, message, data, **options)
+
+    return call  # type: ignore[return-value]  # the same, for type checkers
+
+
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:
     """Raise MisuseError for a message of a class that *call* does not accept."""
     if not isinstance(message, wanted):
@@ -306,6 +333,9 @@ def check_function(
         raise MisuseError(
             f"{what}: {name} is 'async def', which is not awaited here: make it a plain function"
         )
+    if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
+        advice = "make it a plain function, in which task.report() gives intermediate results"
+        raise MisuseError(f"{what}: {name} has a 'yield', so a call does not run it: {advice}")
     possible = possible or (wanted.count(",") + 1,)
     try:
         signature = inspect.signature(function)
@@ -316,6 +346,41 @@ def check_function(
             signature.bind(*(None,) * number)
             return number
     raise MisuseError(f"{what}: {name} is declared with {signature}: declare it with {wanted}")
+
+
+def check_names(kind: type, wanted: Collection[str]) -> None:
+    """Warn of methods of a user's class that nearly have a *wanted* name, such as ``canceled``."""
+    for name in vars(kind).keys() - wanted:
+        if callable(vars(kind)[name]) and (near := get_close_matches(name, wanted, 1, 0.8)):
+            text = f"{kind.__name__}.{name}() is nearly '{near[0]}', and is not called"
+            warnings.warn(f"{text}: rename it", stacklevel=4)
+
+
+class OnlyBlocking:
+    """The base of objects for ``with``, not ``async with``."""
+
+    if not TYPE_CHECKING:  # a type checker finds the mistake itself
+
+        async def __aenter__(self) -> NoReturn:
+            advice = "write 'with'; aconnect() and running_async() are for event loops"
+            raise MisuseError(f"'async with' got a {type(self).__name__}, which blocks: {advice}")
+
+        __aexit__ = __aenter__
+
+
+class _Block(_GeneratorContextManager[Any], OnlyBlocking):
+    """The context manager of a call that must be made in a ``with`` statement."""
+
+    def __del__(self) -> None:
+        if inspect.getgeneratorstate(self.gen) == inspect.GEN_CREATED:
+            call = f"{self.func.__name__}()"
+            warnings.warn(f"{call} alone does nothing: write 'with ...{call}:'", stacklevel=2)
+
+
+def block(function: Callable[P, Iterator[T]]) -> Callable[P, AbstractContextManager[T]]:
+    """Return a generator function as ``contextmanager`` does, with a warning if ``with`` lacks."""
+    generator: Any = function
+    return wraps(function)(lambda *args, **options: _Block(generator, args, options))
 
 
 def check_decorator(call: str, given: object) -> None:

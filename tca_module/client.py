@@ -36,7 +36,7 @@ CONNECT_THREADS = "share it with connect(..., threads=True), or connect() in eac
 _TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
 
 
-class Client(Sender):
+class Client(Sender, checks.OnlyBlocking):
     """A connection of a program that handles no messages. It sends under the root.
 
     ``connect()`` returns a Client. A Client belongs to the thread that opened it, except with

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
 from tca_module.asynchronous.loop_module import LoopModule
-from tca_module.checks import check, check_class, check_decorator, check_function
+from tca_module.checks import block, check, check_class, check_decorator, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, Connection
 from tca_module.link.keepalive import CHECK_PERIOD, KeepAlive
@@ -302,7 +302,7 @@ class Module(LoopModule):
             while not self._stop.wait(_SIGNALS_PERIOD):
                 pass
 
-    @contextmanager
+    @block
     def running(
         self, *, patience: float = PATIENCE, reconnect: bool = True, linger: float = LINGER
     ) -> Iterator["Module"]:

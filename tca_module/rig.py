@@ -10,7 +10,7 @@ from tca_module.errors import BadData, MisuseError, Timeout
 from tca_module.link.opening import CentralAddress
 from tca_module.module import Module
 from tca_module.sending.task import Task
-from tca_module.serving.annotations import check_annotation
+from tca_module.serving.annotations import check_annotations
 from tca_wire.messages.declarations import Failure, Message
 from tca_wire.vocabulary import Limit
 
@@ -119,8 +119,7 @@ class Fake:
         has_data = self.message.data.kind is not type(None)
         wanted = f"(task, data: {self.message.data})" if has_data else "(task)"
         number = checks.check_function(f"{what}: returns=", function, wanted, (1 + has_data,))
-        if has_data:
-            check_annotation(f"{what}: returns=", function, self.message)
+        check_annotations(f"{what}: returns=", function, self.message)
         return lambda task, data: function(*(task, data)[:number])
 
     def _check(self, what: str, value: Any) -> None:

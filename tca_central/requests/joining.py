@@ -515,11 +515,13 @@ def _route_again(central: State, queued: list[Delivery]) -> None:
     Exception handlers come first, because they may end other tasks. A task that the same event has
     killed is not queued again.
     """
-    killed = [one for one in queued if isinstance(one, Task) and one.killed]
-    central.facts.extend(facts.Unqueued(task.handling_id) for task in killed)
-    queued = [delivery for delivery in queued if delivery not in killed]
-    stranded = [delivery for delivery in queued if delivery.is_stranded]
-    others = [delivery for delivery in queued if not delivery.is_stranded]
+    stranded: list[Delivery] = []
+    others: list[Delivery] = []
+    for delivery in queued:
+        if isinstance(delivery, Task) and delivery.killed:
+            central.facts.append(facts.Unqueued(delivery.handling_id))
+        else:
+            (stranded if delivery.is_stranded else others).append(delivery)
     central.dispatcher.route_all(stranded)
     if stranded:
         tasks = [one for one in others if isinstance(one, Task)]

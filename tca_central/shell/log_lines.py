@@ -132,10 +132,15 @@ class LogLines:
             self._log.warning(text, fact.handler, fact.failure, meant)
 
     def _unhandled_failure(self, fact: facts.Unhandled, record: Record) -> None:
-        """Warn of exception handlers for a failure with a similar name."""
+        """Warn of exception handlers that no module handles, or for a similar name."""
         found = (one for one in record.entry.facts if isinstance(one, facts.Failed))
         name = next((one.failure for one in found if one.id == fact.task), "")
-        known = {one.failure for one in self._central.attached.values()}
+        attached = self._central.attached.values()
+        known = {one.failure for one in attached}
+        fitting = {one.handler for one in attached if one.failure in ("", name)}
+        if idle := sorted(one.name for one in fitting if not one.handlers):
+            text = "no module handles exception handler '%s', which is attached to failure '%s'"
+            self._log.warning(text, "', '".join(idle[:NAMED]), name)
         if name not in known and (similar := nearest(name, known)):
             text = "failure '%s' has no exception handler, but '%s' has one: do both mean the same?"
             self._log.warning(text, name, similar)

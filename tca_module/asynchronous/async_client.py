@@ -6,14 +6,14 @@ from typing import Self
 
 from tca_module.asynchronous.async_sender import AsyncSender
 from tca_module.asynchronous.connection_thread import ConnectionThread
-from tca_module.asynchronous.forwarding import forwarded
+from tca_module.asynchronous.forwarding import OnlyAsync, forwarded
 from tca_module.client import Client, connect
 from tca_module.link.connection import LINGER
 from tca_module.link.opening import CentralAddress
 from tca_module.link.waits import PATIENCE
 
 
-class AsyncClient(AsyncSender):
+class AsyncClient(AsyncSender, OnlyAsync):
     """A ``Client`` for the user's own event loop; ``aconnect()`` returns it.
 
     One thread of the library owns its connection. Any number of asyncio tasks share it. Use it in

@@ -2,19 +2,22 @@
 # ruff: noqa: SLF001, ASYNC109 - it does the work of a Sender: its calls have the same options
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
-from typing import Any, Concatenate, ParamSpec
+from collections.abc import Callable, Coroutine
+from contextlib import nullcontext, suppress
+from functools import partial
+from typing import Any, Concatenate, ParamSpec, Self
 
 from tca_module.asynchronous.async_tasks import AsyncSentTask, AsyncTaskRef, streamed
 from tca_module.asynchronous.forwarding import (
     Forwarding,
+    OnlyAsync,
     RunThere,
     WaitingIn,
     forward,
     forwarded,
     settle,
 )
+from tca_module.checks import checked_call
 from tca_module.errors import Refused, TcaError, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
 from tca_module.sending.central_services import HANDLERS_WAIT
@@ -29,19 +32,40 @@ from tca_wire.vocabulary import Refusal
 P = ParamSpec("P")
 
 
-class AsyncClaim:
+class AsyncClaim(OnlyAsync):
     """A lock or reservation that is held in an ``async with`` block."""
 
-    def __init__(self, claim: Claim) -> None:
-        self._claim = claim
+    _claim: Any = None  # the Claim, once it is granted
+
+    def __init__(
+        self, sender: "AsyncSender", resource: str, module: str | None, *options: Any, reserve: bool
+    ) -> None:
+        self._sender = sender
+        self._turn = sender._turns.setdefault((resource, module), asyncio.Lock())
+        claim: Any = _claim  # mypy does not count the arguments of a partial with *options
+        self._claiming = partial(claim, self._turn, resource, module, *options, reserve=reserve)
 
     def __repr__(self) -> str:
-        return repr(self._claim)
+        return repr(self._claim) if self._claim else "an async claim that is not held"
+
+    async def __aenter__(self) -> Self:
+        self._claim = await self._sender._run(
+            self._claiming(self._sender._blocking), lambda claim: _leave(claim, self._turn, None)
+        )
+        return self
+
+    async def __aexit__(self, _: object, error: BaseException | None, __: object) -> None:
+        with nullcontext() if error is None else suppress(TcaError):  # else *error* is raised
+            # Shielded, so that a second cancellation does not leave the resource locked.
+            await asyncio.shield(
+                self._sender.call(lambda _: _leave(self._claim, self._turn, error))
+            )
 
     @property
     def held(self) -> bool:
         """Whether the claim still holds, as far as this program knows. Never waits."""
-        return not (self._claim._is_released or self._claim._request.why_lock_lost)
+        claim = self._claim
+        return bool(claim) and not (claim._is_released or claim._request.why_lock_lost)
 
 
 def _sent(
@@ -81,6 +105,7 @@ def _found(
     return forward(method, convert=convert)
 
 
+@checked_call
 async def _query(
     sender: Sender,
     message: Any,
@@ -101,6 +126,7 @@ async def _multi_query(sender: Sender, message: Any, *args: Any, **options: Any)
 
 
 def _statement(kind: type[Message[Any, Any]]) -> Callable[..., Coroutine[Any, Any, None]]:
+    @checked_call
     async def send(
         sender: Sender, message: Any, data: Any = None, *, wait: float | None = None
     ) -> None:
@@ -172,7 +198,7 @@ class AsyncSender(Forwarding):
         *,
         timeout: float | None = None,
         priority: int = 0,
-    ) -> AbstractAsyncContextManager[AsyncClaim]:
+    ) -> AsyncClaim:
         """Lock a resource while an ``async with`` block lasts. See ``Sender.lock``.
 
         Example::
@@ -180,7 +206,7 @@ class AsyncSender(Forwarding):
             async with user.lock("camera", timeout=5.0) as claim:
                 await scan()
         """
-        return self._claimed(resource, module, timeout, priority, reserve=False)
+        return AsyncClaim(self, resource, module, timeout, priority, reserve=False)
 
     def reserve(
         self,
@@ -189,37 +215,18 @@ class AsyncSender(Forwarding):
         *,
         timeout: float | None = None,
         priority: int = 0,
-    ) -> AbstractAsyncContextManager[AsyncClaim]:
+    ) -> AsyncClaim:
         """Reserve a resource while an ``async with`` block lasts. See ``Sender.reserve``."""
-        return self._claimed(resource, module, timeout, priority, reserve=True)
-
-    @asynccontextmanager
-    async def _claimed(
-        self, resource: str, module: str | None, *options: Any, reserve: bool
-    ) -> AsyncIterator[AsyncClaim]:
-        turn = self._turns.setdefault((resource, module), asyncio.Lock())
-        claim: Claim = await self._run(
-            _claim(self._blocking, turn, resource, module, *options, reserve=reserve),
-            lambda claim: _leave(claim, turn, None),
-        )
-        try:
-            yield AsyncClaim(claim)
-        except BaseException as error:
-            leaving = error
-            with suppress(TcaError):  # the user's error is raised instead
-                # Shielded, so that a second cancellation does not leave the resource locked.
-                await asyncio.shield(self.call(lambda _: _leave(claim, turn, leaving)))
-            raise
-        await asyncio.shield(self.call(lambda _: _leave(claim, turn, None)))
+        return AsyncClaim(self, resource, module, timeout, priority, reserve=True)
 
 
 async def _claim(
-    sender: Sender,
     turn: asyncio.Lock,
     resource: str,
     module: str | None,
     timeout: float | None,
     priority: int,
+    sender: Sender,
     *,
     reserve: bool,
 ) -> Claim:

@@ -5,10 +5,17 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
-from tca_module.asynchronous.forwarding import Forwarding, RunThere, WaitingIn, forwarded, settle
+from tca_module.asynchronous.forwarding import (
+    Forwarding,
+    OnlyAsync,
+    RunThere,
+    WaitingIn,
+    forwarded,
+    settle,
+)
 from tca_module.errors import Timeout
 from tca_module.following.stream import Stream
-from tca_module.sending.task_points import TaskInterval
+from tca_module.sending.task_points import TaskIntervals
 from tca_module.sending.task_ref import TaskRef
 from tca_wire.messages.declarations import R
 from tca_wire.points import Point, TaskId
@@ -18,7 +25,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class AsyncStream(AsyncIterator[T], Generic[T]):
+class AsyncStream(AsyncIterator[T], OnlyAsync, Generic[T]):
     """A ``Stream`` for ``async for`` on the user's own event loop.
 
     It starts with the first step, or at the start of an ``async with`` block. A step that is
@@ -131,7 +138,7 @@ def _state(task: TaskRef) -> str:
     return task.state
 
 
-class AsyncTaskRef(Forwarding):
+class AsyncTaskRef(Forwarding, TaskIntervals):
     """A ``TaskRef`` for the user's own event loop. Its calls are coroutines.
 
     Arguments, results and errors are those of the TaskRef's methods. Any asyncio task and any
@@ -148,21 +155,7 @@ class AsyncTaskRef(Forwarding):
         super().__init__(run, task)
         self.message = task.message
         self.id: TaskId = task.id
-
-    @property
-    def handling(self) -> TaskInterval:
-        """The interval in which the task's handler runs."""
-        return self._blocking.handling
-
-    @property
-    def planning(self) -> TaskInterval:
-        """The interval in which the task and everything under it are expanded into subtasks."""
-        return self._blocking.planning
-
-    @property
-    def achieving(self) -> TaskInterval:
-        """The interval in which the task and everything under it are done."""
-        return self._blocking.achieving
+        self._task_id = task.id
 
     wait = WaitingIn(_wait)(TaskRef.wait)
     wait_for = WaitingIn(_wait_for)(TaskRef.wait_for)

@@ -36,6 +36,8 @@ class ConnectionThread:
 
     async def open(self) -> Sender:
         """Start the thread, and await its Sender. Raises what the opening raises."""
+        if self._thread.ident is not None:
+            raise MisuseError(f"{self._owner} was opened before: make a new one for each block")
         self._thread.start()
         try:
             return await asyncio.shield(asyncio.wrap_future(self._opened))

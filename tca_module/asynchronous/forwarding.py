@@ -3,10 +3,11 @@
 import asyncio
 from collections.abc import Callable, Coroutine
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, NoReturn, ParamSpec, Protocol, TypeVar
 
 from tca_module.asynchronous.remote import Undo
 from tca_module.checks import TIMEOUT, check
+from tca_module.errors import MisuseError
 from tca_module.following.stream import awaited
 from tca_module.link.connection import Connection
 from tca_module.session.request import Request
@@ -23,6 +24,18 @@ class RunThere(Protocol):
         self, coroutine: Coroutine[Any, Any, Any], undo: Undo | None = None, /
     ) -> Any:
         """Return its result. If the caller is cancelled, *undo* gets the result."""
+
+
+class OnlyAsync:
+    """The base of objects for ``async with`` and ``async for``."""
+
+    if not TYPE_CHECKING:  # a type checker finds the mistake itself
+
+        def __enter__(self, *_: object) -> NoReturn:
+            advice = "write 'async with' or 'async for'"
+            raise MisuseError(f"{type(self).__name__} belongs to an event loop: {advice}")
+
+        __exit__ = __iter__ = __await__ = __enter__
 
 
 class Forwarding:

@@ -64,7 +64,8 @@ def first_ended(
     *brief*: the timeout is short, or something else may end the wait. So the wait is no deadlock.
     """
     check(_CALL, checks.TIMEOUT, timeout=timeout)
-    if not tasks or not all(isinstance(task, TaskRef) for task in tasks):
+    is_list = isinstance(tasks, Sequence) and bool(tasks)
+    if not is_list or not all(isinstance(task, TaskRef) for task in tasks):
         text = f"needs a list of tasks that were sent or found, not {tasks!r:.60}"
         raise MisuseError(f"{_CALL} {text}")
     if ended := [task for task in tasks if task._end is not None]:

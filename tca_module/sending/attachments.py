@@ -1,6 +1,5 @@
 """Exception handlers and wiretaps that were attached, and recoveries for a task being sent."""
 
-import logging
 from typing import Any
 
 from tca_module import checks
@@ -10,11 +9,8 @@ from tca_module.link.connection import Connection
 from tca_module.session.epoch_numbers import first_foreign
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Failure
-from tca_wire.messages.failures import misspelt
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
-
-_log = logging.getLogger("tca")
 
 
 class AttachmentRef:
@@ -85,9 +81,6 @@ class Recovery:
         maximum: int | None = None,
     ) -> None:
         check_handles(failure, handler)
-        if failure is not None and (meant := misspelt(failure.name)):
-            text = "exception handler '%s' is for failure '%s': did you mean the built-in '%s'?"
-            _log.warning(text, handler.name, failure.name, meant)
         check(handler.title, checks.MAXIMUM, maximum=maximum)
         self.handler = handler
         self.attachment = Attachment(

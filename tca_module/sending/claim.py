@@ -2,13 +2,14 @@
 
 from typing import Self
 
+from tca_module.checks import OnlyBlocking
 from tca_module.errors import LockLost, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_wire.packets.headers import Lock
 from tca_wire.vocabulary import Outcome
 
 
-class Claim:
+class Claim(OnlyBlocking):
     """A lock or reservation of a resource, granted by ``lock()`` or ``reserve()``.
 
     The end of the ``with`` block releases the claim. If the claim was taken away before, the end of

@@ -22,7 +22,13 @@ from tca_wire.text.printable import shortened
 
 _TRACEBACK_LIMIT = 8000  # characters
 
-_NOT_RAISED = ": to raise a declared failure, call it: raise COLLISION() or raise COLLISION(data)"
+_ADVICE = {
+    "exceptions must derive from BaseException": (
+        ": to raise a declared failure, call it: raise COLLISION() or raise COLLISION(data)"
+    ),
+    "can't be used in 'await' expression": ": a Task's query() waits itself, await query_send()",
+}
+"""Ends of Python's errors, and the remedies for handlers."""
 
 
 class Misfit(Exception):
@@ -116,8 +122,8 @@ def _describe(error: BaseException) -> str:
     if len(text) > _TRACEBACK_LIMIT:
         text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"
     first = "".join(traceback.format_exception_only(error)).rstrip()
-    advice = _NOT_RAISED if str(error) == "exceptions must derive from BaseException" else ""
-    return f"{first}{advice}\n{text}"
+    advice = (remedy for words, remedy in _ADVICE.items() if str(error).endswith(words))
+    return f"{first}{next(advice, '')}\n{text}"
 
 
 def _without_library_frames(trace: TracebackType | None) -> TracebackType | None:

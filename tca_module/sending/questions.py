@@ -3,7 +3,7 @@
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import check, check_class, is_brief
+from tca_module.checks import check, check_class, checked_call, is_brief
 from tca_module.errors import Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.central_services import CentralServices
@@ -52,6 +52,7 @@ class QuestionServices(CentralServices):
     ) -> R: ...
     @overload
     def query(self, message: Query[D, R], data: D, **options: Unpack[QueryOptions]) -> R: ...
+    @checked_call
     def query(
         self,
         message: Query[Any, R],
@@ -122,6 +123,7 @@ class QuestionServices(CentralServices):
     def query_send(
         self, message: Query[D, R], data: D, *, priority: int = ...
     ) -> PendingReply[R]: ...
+    @checked_call
     def query_send(
         self, message: Query[Any, R], data: Any = None, *, priority: int = 0
     ) -> PendingReply[R]:
@@ -191,6 +193,7 @@ class QuestionServices(CentralServices):
     def multi_query(
         self, message: MultiQuery[D, R], data: D, **options: Unpack[RepliesOptions]
     ) -> list[R]: ...
+    @checked_call
     def multi_query(
         self,
         message: MultiQuery[Any, R],
@@ -236,6 +239,7 @@ class QuestionServices(CentralServices):
     def multi_query_send(
         self, message: MultiQuery[D, R], data: D, **options: Unpack[RepliesOptions]
     ) -> PendingReplies[R]: ...
+    @checked_call
     def multi_query_send(
         self,
         message: MultiQuery[Any, R],

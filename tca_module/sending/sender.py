@@ -12,6 +12,7 @@ from tca_module.checks import (
     check_class,
     check_function,
     check_options,
+    checked_call,
 )
 from tca_module.errors import MisuseError, Refused
 from tca_module.sending.attachments import Recovery
@@ -114,6 +115,7 @@ class Sender(WatchingServices, QuestionServices):
     ) -> SentTask[None]: ...
     @overload
     def goal(self, message: Goal[D], data: D, **options: Unpack[TaskOptions]) -> SentTask[None]: ...
+    @checked_call
     def goal(
         self, message: Goal[Any], data: Any = None, **options: Unpack[TaskOptions]
     ) -> SentTask[None]:
@@ -155,6 +157,7 @@ class Sender(WatchingServices, QuestionServices):
     def command(
         self, message: Command[D, R], data: D, **options: Unpack[TaskOptions]
     ) -> SentTask[R]: ...
+    @checked_call
     def command(
         self, message: Command[Any, R], data: Any = None, **options: Unpack[TaskOptions]
     ) -> SentTask[R]:
@@ -379,6 +382,7 @@ class Sender(WatchingServices, QuestionServices):
     ) -> None: ...
     @overload
     def inform(self, message: Inform[D], data: D, *, wait: float | None = ...) -> None: ...
+    @checked_call
     def inform(self, message: Inform[Any], data: Any = None, *, wait: float | None = None) -> None:
         """Send an inform to its one handler: at most once, and in order.
 
@@ -408,6 +412,7 @@ class Sender(WatchingServices, QuestionServices):
     ) -> None: ...
     @overload
     def broadcast(self, message: Broadcast[D], data: D, *, wait: float | None = ...) -> None: ...
+    @checked_call
     def broadcast(
         self, message: Broadcast[Any], data: Any = None, *, wait: float | None = None
     ) -> None:
@@ -476,6 +481,7 @@ class Sender(WatchingServices, QuestionServices):
     def execute(self, message: MultiQuery[D, R], data: D) -> list[R]: ...
     @overload
     def execute(self, message: Inform[D] | Broadcast[D], data: D) -> None: ...
+    @checked_call
     def execute(self, message: Any, data: Any = None) -> Any:
         """Send a message of any class except a monitor (TCA 8.5: tcaExecute).
 
@@ -520,6 +526,7 @@ class Sender(WatchingServices, QuestionServices):
     def execute_if_handled(self, message: MultiQuery[D, R], data: D) -> list[R] | None: ...
     @overload
     def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D) -> bool: ...
+    @checked_call
     def execute_if_handled(
         self, message: Any, data: Any = None, **options: Unpack[TaskOptions]
     ) -> Any:

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from tca_module.checks import PLAN_AHEAD, check
+from tca_module.checks import PLAN_AHEAD, block, check
 from tca_module.session.sent_tasks import SentId
 from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
 from tca_wire.points import THIS, TaskId
@@ -113,27 +113,27 @@ class SiblingOrder:
         # Outside of blocks the next child follows the last sibling only, as TCA's flags do.
         self._blocks[-1].add([child], [child], sequential=sequential or len(self._blocks) == 1)
 
-    @contextmanager
+    @block
     def sequence(self, plan_ahead: int | None = None) -> Iterator[None]:
         """Start a block of children that are achieved one after the other."""
         check("sequence()", PLAN_AHEAD, plan_ahead=plan_ahead)
         with self._inside(_Block(self._blocks[-1], plan_ahead)):
             yield
 
-    @contextmanager
+    @block
     def parallel(self) -> Iterator[None]:
         """Start a block of children without order among them."""
         with self._inside(_Block(self._blocks[-1], is_parallel=True)):
             yield
 
     @contextmanager
-    def _inside(self, block: _Block) -> Iterator[None]:
-        """Add children to *block* for the time of the ``with`` block."""
-        self._blocks.append(block)
+    def _inside(self, inner: _Block) -> Iterator[None]:
+        """Add children to *inner* for the time of the ``with`` block."""
+        self._blocks.append(inner)
         try:
             yield
         finally:
-            if block in self._blocks:  # else central was restarted within the block
-                self._blocks.remove(block)
-                if block.first:
-                    self._blocks[-1].add(block.first, block.last, sequential=True)
+            if inner in self._blocks:  # else central was restarted within the block
+                self._blocks.remove(inner)
+                if inner.first:
+                    self._blocks[-1].add(inner.first, inner.last, sequential=True)

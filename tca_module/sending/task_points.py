@@ -3,7 +3,7 @@
 ``first.achieving.end <= second.planning.start`` is a constraint.
 """
 
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from tca_module.checks import POINT, SECONDS, check
 from tca_module.errors import MisuseError
@@ -78,7 +78,18 @@ _EDGES = {
 }
 
 
-class TaskInterval:
+class _HasPoints:
+    """A thing with points of a task. Its points are compared, the thing is not."""
+
+    if not TYPE_CHECKING:  # a type checker finds the mistake itself
+
+        def __lt__(self, other: object) -> NoReturn:
+            raise MisuseError(f"{type(self).__name__} can't be compared: {_STRICT}")
+
+        __le__ = __gt__ = __ge__ = __lt__
+
+
+class TaskInterval(_HasPoints):
     """One interval of a task. Its ``start`` and ``end`` are points."""
 
     def __init__(self, task_id: TaskId, interval: Interval) -> None:
@@ -86,7 +97,7 @@ class TaskInterval:
         self.start, self.end = TaskPoint(task_id, start), TaskPoint(task_id, end)
 
 
-class TaskIntervals:
+class TaskIntervals(_HasPoints):
     """A thing with the three intervals of a task."""
 
     def __init__(self, task_id: TaskId) -> None:

@@ -10,7 +10,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Aborted, Misfit, failure_of, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
-from tca_module.serving.annotations import check_annotation
+from tca_module.serving.annotations import check_annotations
 from tca_module.session.open_deliveries import task_is_killed
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import D, Message, R
@@ -90,8 +90,7 @@ class Handler:
         wanted = f"(task, data: {message.data})" if has_data else "(task)"
         what, possible = f"a handler of {message.title}", (2,) if has_data else (1, 2)
         self._argument_count = check_function(what, function, wanted, possible, may_be_async=True)
-        if has_data:
-            check_annotation(self.name, function, message)
+        check_annotations(self.name, function, message)
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """Create the Task of a delivered message."""

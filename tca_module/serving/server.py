@@ -8,7 +8,7 @@ from collections.abc import Coroutine
 from functools import partial
 from typing import Any, Generic
 
-from tca_module.checks import check_function
+from tca_module.checks import check_function, check_names
 from tca_module.errors import ORDINARY, MisuseError, TaskKilled
 from tca_module.following.followed_task import life_cycle_of
 from tca_module.link.connection import Connection
@@ -107,6 +107,7 @@ def server_transitions(message: Message[Any, Any], server: Server[Any, Any]) -> 
     if not isinstance(server, Server):
         hint = f": give {server.__name__}()" if isinstance(server, type) else ""
         raise MisuseError(f"serve(): {server!r:.60} is not a Server{hint}")
+    check_names(type(server), ("initiated", "update", "cancel", "requested"))
     cycle, found = life_cycle_of(message), []
     for name in cycle.names(Party.CLIENT):
         method = _method_for(cycle, name)

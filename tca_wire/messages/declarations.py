@@ -7,6 +7,7 @@ Declared once, in the robot's own ``messages.py``::
     NEXT_STANCE = Query("next stance", Pose, reply=Stance)
 """
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Generic, TypedDict, Unpack, overload
 
@@ -14,6 +15,7 @@ import msgspec
 
 from tca_wire.errors import BadData, BadFormat, CopyableError
 from tca_wire.life_cycles import GENERAL, LifeCycle
+from tca_wire.messages.failures import misspelt
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
 from tca_wire.messages.message import D, Declaring, Message, R, checked_name, format_of
@@ -355,6 +357,9 @@ class Failure(Generic[D], metaclass=Declaring):
         self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None
     ) -> None:
         self.name = checked_name(name)
+        if meant := misspelt(name):
+            advice = f"give the built-in {meant.upper().replace(' ', '_')}, or use another name"
+            warnings.warn(f"failure '{name}' is nearly '{meant}': {advice}", stacklevel=3)
         self.data: Format[D] = format_of(data, f"the data of failure '{name}'")
         self._check_kind(kind_of)
         self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
@@ -399,7 +404,7 @@ class FailureRaised(CopyableError):
         self.name, self.text, self.body, self.kinds = name, text, body, list(kinds)
 
 
-class Retry:
+class Retry(metaclass=Declaring):
     """How central retries a task that fails, without an exception handler of yours.
 
     The option ``retry=`` of a task, or of a ``Goal`` or ``Command``. Central retries the task even

@@ -1,5 +1,7 @@
 """Failures that need no declaration: central raises them, or the module library."""
 
+from difflib import get_close_matches
+
 MODULE_LOST = "module lost"
 """The module that handled the message is lost."""
 
@@ -43,10 +45,15 @@ BUILT_IN = NOT_BY_CHOICE | {REJECTED, FORGOTTEN, CANCELLED}
 """The names of all these failures."""
 
 
+_NEAR = 0.85
+"""The least likeness of a misspelt name: one wrong letter in seven, or two swapped ones."""
+
+
 def misspelt(name: str) -> str:
-    """Return the built-in failure that *name* differs from in case and separators only; else ""."""
-    letters = _letters(name)
-    return next((one for one in BUILT_IN if name != one and letters == _letters(one)), "")
+    """Return the built-in failure that *name* nearly spells; "" for another name."""
+    known = {_letters(one): one for one in sorted(BUILT_IN)}
+    near = get_close_matches(_letters(name), known, n=1, cutoff=_NEAR)
+    return known[near[0]] if near and name not in BUILT_IN else ""
 
 
 def _letters(name: str) -> str:

@@ -100,15 +100,18 @@ def lines_of(player: Player, log: logging.Logger, lines: list[str]) -> list[str]
     writer.write(Record(Entry(1, 1.0, player.facts(facts.Attached))))
     found = player.facts(Failed) + player.facts(facts.Unhandled)
     writer.write(Record(Entry(2, 2.0, found), dict.fromkeys([0, 1, 2, 3], "")))
-    return [line for line in lines if line.endswith("?")]
+    return [line for line in lines if line.endswith("?") or "no module" in line]
 
 
 @pytest.mark.parametrize(
     ("attached", "raised", "words"),
     [
         ("Time out", "burn", ["did you mean 'timeout'?"]),
+        ("module losst", "burn", ["did you mean 'module lost'?"]),
+        ("cup lost", "burn", []),
         ("colision", "collision", ["'colision' has one: do both mean the same?"]),
         ("burn", "collision", []),
+        ("burn", "fell", ["exception handler 'shrug', which is attached to failure 'fell'"]),
     ],
 )
 def test_similar_failure_of_a_handler_is_logged(
@@ -117,7 +120,10 @@ def test_similar_failure_of_a_handler_is_logged(
     player = Player()
     player.module("legs", "command move")
     player.module("expert", "exception handler recover")
+    player.hello("coach")
+    player.declare("coach", "exception handler shrug")
     player.request("expert", headers.Attach, Attachment(attached, "recover"))
+    player.request("coach", headers.Attach, Attachment("fell", "shrug"))
     player.task("legs", "move")
     player.fail("legs/1", raised)
     found = lines_of(player, log, lines)

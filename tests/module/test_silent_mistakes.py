@@ -9,11 +9,8 @@ import pytest
 from module.real_central import SOON
 
 from tca_module import (
-    TIMEOUT,
     Client,
     Command,
-    ExceptionHandler,
-    Failure,
     Module,
     Outcome,
     Task,
@@ -22,7 +19,6 @@ from tca_module.serving import event_loop
 from tca_module.testing import LocalCentral
 
 REST = Command("rest")
-SHRUG = ExceptionHandler("shrug")
 
 
 def test_second_module_of_same_name_is_warned(
@@ -46,16 +42,6 @@ def test_resource_without_handlers_is_warned_of(
     legs.every(100, resource="head")(lambda: None)
     with legs.running():
         assert [warning.partition(" of ")[0] for warning in caplog.messages] == ["resource 'arm'"]
-
-
-def test_misspelt_built_in_failure_is_warned_of(
-    user: Client, caplog: pytest.LogCaptureFixture
-) -> None:
-    for failure in (TIMEOUT, Failure("late"), Failure("Time-Out")):
-        user.on_failure(failure, SHRUG)
-    (warning,) = caplog.messages
-    assert "'Time-Out'" in warning
-    assert "'timeout'" in warning
 
 
 @pytest.mark.parametrize("is_last", [False, True])

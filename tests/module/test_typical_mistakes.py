@@ -2,6 +2,7 @@
 remedy. The snippets run with the names of this file, a central, a module and a client.
 """
 
+import asyncio  # noqa: F401 - snippets use it, and names of missions
 import re
 import textwrap
 from collections.abc import Callable
@@ -14,7 +15,10 @@ from module.real_central import RealCentral
 from processes import run
 
 import tca_module
+from tca_behaviours.missions import Environment, OnceTask, TaskServer, parameter  # noqa: F401
+from tca_behaviours.missions.charts import state  # noqa: F401
 from tca_module import (
+    Client,
     Command,
     ExceptionHandler,
     Failure,
@@ -50,6 +54,16 @@ class Mistake(NamedTuple):
     remedy: str
 
 
+def later(code: str) -> str:
+    """Return a snippet that runs in a coroutine, with an async client."""
+    return f"""
+        async def main():
+            async with aconnect("later", central) as user:
+                {code}
+        asyncio.run(main())
+    """
+
+
 MISTAKES = {
     "handler with too few parameters": Mistake(
         "module.handles(DRIVE)(lambda place: None)",
@@ -61,6 +75,25 @@ MISTAKES = {
         module.handles(DRIVE)(drive)
         """,
         "MisuseError", "command 'drive'", "place: str", "annotate place with that",
+    ),
+    "handler with a wrong result annotation": Mistake(
+        """
+        def lift(task, kg: float) -> list[str] | None: ...
+        module.handles(Command("weigh", float, result=float))(lift)
+        """,
+        "MisuseError", "command 'weigh'", "list[str] | None", "result of type float",
+    ),
+    "handler with swapped parameters": Mistake(
+        "module.handles(LIFT)(lambda kg, task: None)",
+        "MisuseError", "before the task", "'kg'", r"declare it with \(task, data\)",
+    ),
+    "handler that yields": Mistake(
+        """
+        def lift(task, kg):
+            yield kg / 2
+        module.handles(LIFT)(lift)
+        """,
+        "MisuseError", "command 'lift'", "'yield'", r"task\.report\(\)",
     ),
     "decorator without its message": Mistake(
         """
@@ -105,6 +138,14 @@ MISTAKES = {
     "data of a wrong type": Mistake(
         "user.command(DRIVE, Place(1, 'far'))",
         "BadData", "command 'drive'", "$.y", "wants data of type Place: Expected `float`",
+    ),
+    "unknown option of a query": Mistake(
+        "user.query(WHERE, deadline=5)",
+        "MisuseError", "query 'where'", "deadline", "the options are timeout, priority",
+    ),
+    "too many values": Mistake(
+        "user.command(DRIVE, 1.0, 2.0)",
+        "MisuseError", "command 'drive'", "got 2 values", "type Place",
     ),
     "data that is left out": Mistake(
         "user.command(DRIVE)",
@@ -183,6 +224,17 @@ MISTAKES = {
         """,
         "TaskFailed", "rest {1}", "exceptions must derive", "call it: raise COLLISION",
     ),
+    "await of a reply that is there": Mistake(
+        """
+        async def rest(task):
+            await task.query(WHERE)
+        module.handles(REST)(rest)
+        module.handles(WHERE)(lambda task: 1.0)
+        with module.running():
+            user.command(REST).result(timeout=10)
+        """,
+        "TaskFailed", "rest {1}", "float can't be used in 'await'", r"await query_send\(\)",
+    ),
     "failure without its data": Mistake(
         "SLIPPED()",
         "BadData", "failure 'slipped'", "`None`", "wants data of type float",
@@ -194,6 +246,81 @@ MISTAKES = {
         user.constrain(second.achieving.end <= first.achieving.start)
         """,
         "Refused", "constraint", "end achieving task 2 <= start achieving task 1", "leave out one",
+    ),
+    "order of two tasks": Mistake(
+        "user.constrain(user.command(REST) < user.command(REST))",
+        "MisuseError", "SentTask", "can't be compared", r"first\.achieving\.end <= second",
+    ),
+    "wait for one task instead of a list": Mistake(
+        "wait_for_any(user.command(REST))",
+        "MisuseError", "wait_for_any()", "rest {1}", "needs a list",
+    ),
+    "async client in a plain block": Mistake(
+        """
+        with aconnect("later", central):
+            pass
+        """,
+        "MisuseError", "AsyncClient", "event loop", "write 'async with'",
+    ),
+    "async client that is awaited": Mistake(
+        """
+        async def main():
+            await aconnect("later", central)
+        asyncio.run(main())
+        """,
+        "MisuseError", "AsyncClient", "event loop", "write 'async with'",
+    ),
+    "blocking client in an async block": Mistake(
+        later("async with connect('early', central): pass"),
+        "MisuseError", "Client", "which blocks", r"write 'with'; aconnect\(\)",
+    ),
+    "async client that is opened twice": Mistake(
+        later("await user.open()"),
+        "MisuseError", "async client 'later'", "opened before", "make a new one",
+    ),
+    "lock of an async client in a plain block": Mistake(
+        later("with user.lock('arm'): pass"),
+        "MisuseError", "AsyncClaim", "event loop", "write 'async with'",
+    ),
+    "stream of an async client in a plain loop": Mistake(
+        later("for step in (await user.command(REST)).progress(): pass"),
+        "MisuseError", "AsyncStream", "event loop", "'async for'",
+    ),
+    "too many values for an async client": Mistake(
+        later("await user.query(WHERE, 1.0, 2.0)"),
+        "MisuseError", "query 'where'", "got 2 values", "give one",
+    ),
+    "order of two tasks of an async client": Mistake(
+        later("(await user.command(REST)).achieving >= await user.command(REST)"),
+        "MisuseError", "TaskInterval", "can't be compared", r"first\.achieving\.end <= second",
+    ),
+    "retry with an unnamed pause": Mistake(
+        "Retry(3, 0.5)",
+        "TypeError", "Retry()", "positional", r"write Retry\(attempts=3, \*, pause=",
+    ),
+    "outcome of a state without its name": Mistake(
+        "state('found')",
+        "MisuseError", "@state", "'found'", r"write @state\(outcomes=\[\.\.\.\]\)",
+    ),
+    "state without its outcomes": Mistake(
+        """
+        @state
+        def search(data): ...
+        """,
+        "MisuseError", "@state", "search", r"write @state\(outcomes=\[\.\.\.\]\)",
+    ),
+    "task server with a class instead of a list": Mistake(
+        "TaskServer('cart', Environment(), tasks=OnceTask)",
+        "MisuseError", "server 'cart'", "tasks", r"a list of classes, such as \[Drive\]",
+    ),
+    "parameter without a type": Mistake(
+        """
+        class Drive(OnceTask):
+            far = parameter(1.0)
+            def iterate(self): ...
+        TaskServer("cart", Environment(), tasks=[Drive])
+        """,
+        "BadFormat", "task Drive", "'far'", "write 'far: float = ",
     ),
     "command as an exception handler": Mistake(
         "user.on_failure(SLIPPED, REST)",
@@ -237,10 +364,60 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES)
 def test_mistake_is_told_with_its_remedy(mistake: Mistake, central: LocalCentral) -> None:
     names: dict[str, Any] = {**vars(tca_module), **globals(), "central": central}
-    with connect("user", central) as user, pytest.raises((TcaError, BadData, BadFormat)) as error:
+    errors = (TcaError, BadData, BadFormat, TypeError)
+    with connect("user", central) as user, pytest.raises(errors) as error:
         exec(textwrap.dedent(mistake.code), {**names, "user": user, "module": Module("m", central)})
     assert type(error.value).__name__ == mistake.error
     check_text(str(error.value), mistake)
+
+
+WARNINGS = {
+    "block without with": Mistake(
+        "user.parallel()",
+        "", "parallel()", "alone does nothing", "write 'with",
+    ),
+    "module that is not entered": Mistake(
+        "Module('m').running()",
+        "", "running()", "alone does nothing", "write 'with",
+    ),
+    "failure that is nearly a built-in one": Mistake(
+        "Failure('module losst')",
+        "", "'module losst'", "'module lost'", "give the built-in MODULE_LOST",
+    ),
+    "misspelt method of a server": Mistake(
+        """
+        class Rest(Server):
+            def initiated(self, task, goal): ...
+            def canceled(self, task, why): ...
+        Module("m").serve(REST, Rest())
+        """,
+        "", "Rest.canceled()", "'cancel'", "rename it",
+    ),
+    "misspelt method of a task": Mistake(
+        """
+        class Drive(OnceTask):
+            def initialize(self): ...
+            def iterate(self): ...
+        TaskServer("cart", Environment(), tasks=[Drive])
+        """,
+        "", "Drive.initialize()", "'initialise'", "rename it",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", WARNINGS.values(), ids=WARNINGS)
+def test_silent_mistake_is_warned_of(mistake: Mistake, user: Client) -> None:
+    with pytest.warns(UserWarning, match=re.escape(mistake.which)) as caught:
+        exec(textwrap.dedent(mistake.code), {**vars(tca_module), **globals(), "user": user})
+    (warning,) = caught
+    check_text(str(warning.message), mistake)
+
+
+def test_used_failures_and_usual_names_are_not_warned_of(user: Client) -> None:
+    for name in ("timeout", "late", "cup lost", "overheat", "camera error"):
+        user.command(REST, delay=100).fail(Failure(name)())
+    with user.sequence(), pytest.raises(tca_module.FailureRaised):
+        raise SLIPPED(1.0)
 
 
 def check_text(text: str, mistake: Mistake) -> None:

@@ -1,7 +1,7 @@
 """The user data of a machine, and the states that are plain Python."""
 
 from collections.abc import Callable, Iterable, Mapping, MutableMapping
-from typing import Any, TypeVar
+from typing import Any, Never, TypeVar
 
 from tca_module import MisuseError
 from tca_module.checks import LABEL, check, list_of
@@ -71,10 +71,11 @@ class FromData:
         return f"data.{self.name}"
 
 
-def state(*, outcomes: Iterable[str]) -> Callable[[F], F]:
+def state(*unnamed: Never, outcomes: Iterable[str] = ()) -> Callable[[F], F]:
     """Declare the outcomes of a function that is a state of machines: ``sm.call(function)``.
 
     Args:
+        unnamed: nothing: the outcomes are given by name.
         outcomes: the values that the function may return.
 
     Returns:
@@ -90,6 +91,9 @@ def state(*, outcomes: Iterable[str]) -> Callable[[F], F]:
             data.counter += 1
             return "again" if data.counter < 3 else "enough"
     """
+    if unnamed or not outcomes:
+        given = f"not {unnamed[0]!r:.60}" if unnamed else "and there are none"
+        raise MisuseError(f"@state takes outcomes by name, {given}: write @state(outcomes=[...])")
     check("state", OUTCOMES, outcomes=outcomes)
 
     def mark(function: F) -> F:

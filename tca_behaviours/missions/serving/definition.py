@@ -11,6 +11,7 @@ from tca_behaviours.missions.outcomes import MISSION_TASK_FAILED, Status, TaskEn
 from tca_behaviours.missions.serving.environment import Environment
 from tca_behaviours.missions.serving.parameters import TaskFormat, fields_of, help_of, parameter
 from tca_module import Command, FailureRaised, MisuseError, Task
+from tca_module.checks import check_names
 
 E = TypeVar("E", bound=Environment)
 
@@ -205,6 +206,7 @@ def check_task(task: object) -> type[ServedTask[Any]]:
         raise MisuseError(f"task {task.__name__} must inherit from PeriodicTask or OnceTask")
     if task.iterate in (PeriodicTask.iterate, ServedTask.iterate):
         raise MisuseError(f"task {task.__name__} has no iterate(): define it")
+    check_names(task, ("initialise", "iterate", "terminate"))
     if inspect.iscoroutinefunction(task.iterate):
         raise MisuseError(
             f"task {task.__name__}: iterate() can't be 'async def': it runs in a thread of its own"

@@ -107,8 +107,12 @@ def fields_of(
     """
     annotated = {name for cls in base.__mro__ for name in vars(cls).get("__annotations__", {})}
     set_by_server = annotated - set(common)
-    fields = {}
-    for name, hint in _hints(task).items():
+    fields, hints = {}, _hints(task)
+    for name, value in vars(task).items():
+        if isinstance(value, Parameter) and name not in hints:
+            advice = f"write '{name}: float = parameter(...)'"
+            raise BadFormat(f"task {task.__name__}: parameter '{name}' has no type: {advice}")
+    for name, hint in hints.items():
         if name.startswith("_") or get_origin(hint) is ClassVar or name in set_by_server:
             continue
         if name not in common and hasattr(base, name):

@@ -16,7 +16,7 @@ from tca_behaviours.missions.serving.finding import TaskFinder
 from tca_behaviours.missions.serving.foreground import Foreground
 from tca_behaviours.missions.serving.run import TaskRun
 from tca_module import Callback, CentralLost, Module, Stopped, Task
-from tca_module.checks import check, instance_of, number, whole
+from tca_module.checks import block, check, instance_of, number, whole
 from tca_module.link.opening import CentralAddress
 from tca_module.log import log_of
 
@@ -27,6 +27,7 @@ _IDLE_RETRY_DELAY = 5.0  # seconds until an idle task that failed runs again
 _RESERVED = 2  # slots for the foreground: for its task, and for the next task
 _ENVIRONMENT = instance_of("an object of a class that inherits from Environment", Environment)
 _RATE = number("more than 0 iterations a second", float_info.min)
+_TASKS = instance_of("a list of classes, such as [Drive]", Iterable)
 _CAPACITY = whole(f"{_RESERVED + 1} or more", _RESERVED + 1)
 
 
@@ -72,6 +73,7 @@ class TaskServer:
             MisuseError, BadFormat: an argument is wrong, or one of *tasks* can't be offered.
         """
         self.module = Module(name, central, capacity=capacity)
+        check(f"server '{name}'", _TASKS, tasks=tasks)
         self.environment = environment
         self._log = log_of(name)
         check(f"server '{name}'", _ENVIRONMENT, environment=environment)
@@ -102,7 +104,7 @@ class TaskServer:
         with contextlib.closing(self.environment):
             self.module.run()
 
-    @contextlib.contextmanager
+    @block
     def running(self) -> Iterator["TaskServer"]:
         """Serve during a ``with`` block."""
         with contextlib.closing(self.environment), self.module.running():

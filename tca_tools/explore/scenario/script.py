@@ -295,9 +295,6 @@ def _described(error: BaseException) -> str:
 
 def _number_of_arguments(name: str, function: Callable[..., Any], wanted: str) -> int:
     with as_scenario_error():
-        number = check_function(
+        return check_function(
             f"the script of {name}", function, wanted, range(1, wanted.count(",") + 2)
         )
-    if inspect.isgeneratorfunction(function):
-        raise ScenarioError(f"the script of {name} is a generator: make it a plain function")
-    return number
