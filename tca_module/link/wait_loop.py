@@ -15,6 +15,9 @@ from tca_wire.packets.headers import Deliver
 _FOR_EVER = float("inf")
 # The most of the patience that a pause between two waits of a handler uses up as silence.
 _PAUSE_SHARE = 0.25
+# Seconds that an answer has to arrive after a message that was handled within the wait. The message
+# may have ended after the timeout, and the answer follows its reply.
+_ANSWER_WITHIN = 0.2
 
 
 class WaitLoop:
@@ -179,6 +182,7 @@ class WaitLoop:
     ) -> bool:
         session, line, now = self._session, self._line, self._clock()
         deadline = _FOR_EVER if timeout is None else now + timeout
+        grace = _ANSWER_WITHIN if timeout else 0.0
         silent_since = now if since is None else since
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
@@ -188,6 +192,7 @@ class WaitLoop:
             if (session.deliveries or session.prefetched) and self._handle_due(
                 is_nested=idle_wait is None
             ):
+                deadline = max(deadline, self._clock() + grace)
                 continue
             due = session.send_due(now, silent_since, quiet)
             if session.outgoing and not self._flush_within(

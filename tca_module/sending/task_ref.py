@@ -159,7 +159,9 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         """Wait until the task has ended, and return its outcome.
 
         Args:
-            timeout: the most seconds to wait. Default: None, no bound.
+            timeout: the most seconds to wait. Default: None, no bound. It does not interrupt a
+                message that this thread handles within the wait: the wait ends after that message.
+                The option ``deadline=`` of a task ends it in time.
 
         Returns:
             ``Outcome.DONE``, ``FAILED``, ``KILLED`` or ``RESOLVED``. ``RESOLVED`` means *done after
@@ -187,7 +189,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
 
         Args:
             point: the point, such as ``leg.handling.end``.
-            timeout: the most seconds to wait. Default: None, no bound.
+            timeout: the most seconds to wait, as for ``wait``. Default: None, no bound.
 
         Returns:
             The outcome of the point's task at that time: ``Outcome.DONE`` if the task has neither
@@ -409,7 +411,7 @@ class SentTask(TaskRef, Generic[R]):
         raises TaskFailed if the message declares a result.
 
         Args:
-            timeout: the most seconds to wait. Default: None, no bound.
+            timeout: the most seconds to wait, as for ``wait``. Default: None, no bound.
 
         Returns:
             The result; None for a goal.
