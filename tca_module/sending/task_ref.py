@@ -38,9 +38,7 @@ from tca_wire.vocabulary import Outcome
 FIND_IT = "other threads connect() themselves, and find it with task(number)"
 """The remedy for a task that is used in a wrong thread."""
 
-_NO_RESULT = (
-    "an exception handler resolved it, so the task is done after a failure and has no result"
-)
+_NO_RESULT = "its failure was resolved: the task is done after a failure and has no result"
 
 
 def tree_id_of(task: "TaskRef") -> TaskId:
@@ -407,8 +405,9 @@ class SentTask(TaskRef, Generic[R]):
     def result(self, timeout: float | None = None) -> R:
         """Wait until the task has ended, and return the handler's result.
 
-        A task that is *done after a failure* has no result. Then ``result()`` returns None, or
-        raises TaskFailed if the message declares a result.
+        A task that is *done after a failure* has the result of the fallback that replaced it, if
+        that has the same type. Otherwise it has no result: ``result()`` returns None, or raises
+        TaskFailed if the message declares a result.
 
         Args:
             timeout: the most seconds to wait, as for ``wait``. Default: None, no bound.

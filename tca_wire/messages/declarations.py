@@ -506,8 +506,9 @@ class Retry:
         failures: the failures to deal with; others go to exception handlers. Default: all but
             "uncertain".
         otherwise: a goal or command that replaces the task after its last attempt, or a pair of
-            such a message and its data. When it is achieved, the failure is resolved. Alone it gets
-            the task's own data. Default: None, and the failure goes to exception handlers.
+            such a message and its data. When it is achieved, the failure is resolved, and the task
+            has its result if the types agree. Alone it gets the task's own data. Default: None,
+            and the failure goes to exception handlers.
 
     Raises:
         BadFormat: an argument has the wrong type or range.

@@ -1,6 +1,7 @@
 """Retry policies, names for failures of central, mutexes, and options of what may have no handler."""
 
 import threading
+from typing import Any
 
 import pytest
 
@@ -21,6 +22,7 @@ from tca_module import (
     Recovery,
     Retry,
     Task,
+    TaskFailed,
     TaskKilled,
 )
 from tca_module.testing import LocalCentral
@@ -76,6 +78,22 @@ def test_fallback_gets_its_data_or_those_of_the_task(
         assert user.command(LIFT, -1.0, retry=retry).wait(SOON) is Outcome.RESOLVED
     data = otherwise[1] if isinstance(otherwise, tuple) else -1.0
     assert called == [(data, "slipped")]
+
+
+@pytest.mark.parametrize(("result", "expected"), [(7, 7), (None, "call help"), ("7", "call help")])
+def test_task_has_result_of_its_fallback_if_types_agree(
+    legs: Module, user: Client, lifted: list[float], result: object, expected: object
+) -> None:
+    call_help: Command[float, Any] = Command("call help", float, result=type(result))
+    legs.handles(call_help)(lambda *_: result)
+    with legs.running():
+        lifting = user.command(LIFT, -1.0, retry=Retry(1, otherwise=call_help))
+        if isinstance(expected, int):
+            assert lifting.result(SOON) == expected
+        else:
+            with pytest.raises(TaskFailed, match=str(expected)):
+                lifting.result(SOON)
+        assert lifting.wait(SOON) is Outcome.RESOLVED
 
 
 def test_policy_of_goal_retries_what_its_handler_sends(
