@@ -149,6 +149,9 @@ def test_policy_outlives_its_sender(
         lambda: Retry(failures=SLIPPED),  # type: ignore[arg-type]
         lambda: Retry(failures=["slipped"]),  # type: ignore[list-item]
         lambda: Retry(otherwise=Query("height", reply=float)),  # type: ignore[arg-type]
+        lambda: Retry(otherwise=(CALL_HELP,)),  # type: ignore[arg-type]
+        lambda: Retry(otherwise=()),  # type: ignore[arg-type]
+        lambda: Retry(otherwise=(None, 2.0)),  # type: ignore[arg-type]
         lambda: Command("a", str, retry=3),  # type: ignore[call-overload]
         lambda: Command("a", str, retry=Retry(otherwise=CALL_HELP)),
     ],
