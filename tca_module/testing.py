@@ -23,7 +23,7 @@ from typing import Any, Self
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick
 from tca_module import checks
-from tca_module.errors import MisuseError, Timeout
+from tca_module.errors import CentralLost, MisuseError, Timeout
 from tca_module.module import Module
 from tca_module.rig import Rig
 from tca_module.sockets.transport import Waker
@@ -100,7 +100,7 @@ class LocalCentral(Rig):
         self._numbers = itertools.count(1)
         # On a stepped clock, the slots stand in the order of declaration: see Module._open_slots.
         self._connections: dict[ConnectionId, LocalTransport] = {}
-        self._is_closed = False
+        self.is_closed = False  #: no call can be answered any more
         self._due = threading.Condition(self._lock)
         self._quiet = threading.Condition(self._lock)
         self._clock = threading.Thread(
@@ -128,7 +128,7 @@ class LocalCentral(Rig):
     def _tick(self) -> None:
         """Fire the timers that are due, in a thread of the real clock."""
         with self._due:
-            while not self._is_closed:
+            while not self.is_closed:
                 due, now = self.core.clock.next, self.now()
                 if due is not None and due <= now:
                     self._handle(Tick(now))
@@ -321,7 +321,10 @@ class LocalCentral(Rig):
             self.schedule()
 
     def close(self) -> None:
-        """End the modules and fakes, central and its thread. Closing again does nothing."""
+        """End the modules and fakes, central and its thread. Closing again does nothing.
+
+        Later calls of clients raise CentralLost.
+        """
         try:
             super().close()
         finally:
@@ -329,7 +332,7 @@ class LocalCentral(Rig):
 
     def _end(self) -> None:
         with self._due:
-            self._is_closed = True
+            self.is_closed = True
             self._due.notify()
         if not self.is_stepped:
             self._clock.join()
@@ -343,7 +346,7 @@ class LocalCentral(Rig):
     def submit(self, connection: ConnectionId, packet: bytes) -> bool:
         """Handle a packet from a connection. Returns False if central is closed."""
         with self._lock:
-            if self._is_closed:
+            if self.is_closed:
                 return False
             for header, body in unpack_to_central(packet):
                 known = self._connections.get(connection)
@@ -370,7 +373,7 @@ class LocalCentral(Rig):
         """Handle the end of a connection."""
         with self._lock:
             was_open = self._connections.pop(connection, None) is not None
-            if was_open and not self._is_closed:
+            if was_open and not self.is_closed:
                 self._handle(ConnectionLost(self.now(), connection))
             self.schedule()
 
@@ -453,9 +456,12 @@ class LocalTransport:
         """Return the next packet.
 
         Returns None if no packet arrives in time, if ``wake`` is called, or when the handlers'
-        clock reaches *alarm*.
+        clock reaches *alarm*. Raises CentralLost for a caller who would wait for a closed central.
         """
         with self._lock:
+            waits = timeout_seconds > 0 and not (self.packets or self.serves)
+            if waits and self._central.is_closed:
+                raise CentralLost(f"{self.address} is closed: make the call before its end")
             if not self._central.is_stepped:
                 timeout_seconds = min(timeout_seconds, alarm - self._central.now())
             if timeout_seconds > 0 and not self._may_continue(alarm):

@@ -47,8 +47,9 @@ class LifeCycle:
         transitions: the rows of the table. Parties: client, server or both.
         initial: the state of a task before a handler has accepted it.
         done: the final state of a task that has completed; or several, the usual one first.
-        cancelled: the final state of a task that has ended without completion; or several. The
-            first one is for killed tasks that have no transition to an end.
+        cancelled: the final state of a task that has ended without completion; or several. A killed
+            task takes the end of the nearest transition with ``Effect.STOP``; without one, the
+            first of these that its state can reach.
 
     Raises:
         BadFormat: the table is not usable: a state can't be reached, or can't reach an end.
@@ -103,7 +104,7 @@ class LifeCycle:
 
     @property
     def cancelled(self) -> str:
-        """The final state of a killed task that has no transition to an end."""
+        """The usual final state of a task that has ended without completion."""
         return self.failures[0]
 
     @property
@@ -161,8 +162,24 @@ class LifeCycle:
         choices = here + rows if is_success else here
         if found := [row for row in choices if row.name == name] or here:
             return found[0]
-        target = ends[0] if is_success or is_kill or not rows else rows[0].target
+        if is_kill:
+            return Transition(str(outcome), state, self._killed_end(state), Party.CENTRAL)
+        target = ends[0] if is_success or not rows else rows[0].target
         return Transition("completed" if is_success else str(outcome), state, target, Party.CENTRAL)
+
+    def _killed_end(self, state: str) -> str:
+        """Return the final state of a task that is killed in *state*, which has no ``STOP``.
+
+        That is the end of the nearest ``STOP`` that transitions from *state* lead to; without one,
+        the first end of a killed task that they lead to.
+        """
+        ahead = [state]
+        for source in ahead:  # it grows
+            if (stop := self._with_effect(source, Effect.STOP)) is not None:
+                return stop.target
+            targets = [row.target for row in self.transitions if row.source == source]
+            ahead += [one for one in targets if one not in ahead]
+        return next((one for one in self.failures if one in ahead), self.cancelled)
 
     def completion(self, states: Iterable[str], name: str = "") -> Transition | None:
         """Return the transition by which a handler completes a task in the first possible state.

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from math import inf
 
 from tca_central.errors import RequestError
-from tca_central.failing.policies import deals_with, end_attempt, plan_next
+from tca_central.failing.policies import deals_with, end_attempt, pass_result, plan_next
 from tca_central.failing.retry_order import check_order
 from tca_central.locks import claims
 from tca_central.model.contexts import (
@@ -455,6 +455,11 @@ def on_exception_handler_ended(central: State, exception_handler: Task) -> None:
 def _recover(central: State, failing: Task, exception_handler: Task) -> None:
     """Mark a task's failure as dealt with. The task continues if it waited for this handler."""
     recovery = Recovery.of(failing)
+    trouble = trouble_of(exception_handler)
+    if trouble.is_fallback and not pass_result(central, failing, exception_handler):
+        what = "replaced it as its fallback, without a result of its type"
+        failure = _with_undecided(trouble.failure, exception_handler, what)
+        central.tree.set_failure(failing, (failure.name, failure.text, failure.body))
     recovery.is_dealt_with = True
     central.facts.append(facts.Recovered(failing.id, exception_handler.id))
     if recovery.exception_handler is exception_handler:

@@ -21,6 +21,8 @@ from tca_central.outgoing.central_messages import data_for, make_task
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import UNCERTAIN
+from tca_wire.messages.fitting import first_misfit
+from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import CENTRAL, LONGEST_TIME, Limit, MessageClass, Refusal, Role
@@ -184,3 +186,12 @@ def send_fallback(central: State, task: Task) -> bool:
     Recovery.of(task).exception_handler = fallback
     central.facts.append(facts.Caught(task.id, fallback.id, task.id, BY_POLICY))
     return True
+
+
+def pass_result(central: State, task: Task, fallback: Task) -> bool:
+    """Give a task the result of its fallback. Return False if the task wants another type."""
+    own, wanted = fallback.message.format.reply, task.message.format.reply
+    result = b"" if first_misfit(own, wanted) else fallback.result or NIL
+    central.tree.grow(task, len(result) - len(task.result))
+    task.result = result
+    return bool(result) or first_misfit(NO_DATA, wanted) is None

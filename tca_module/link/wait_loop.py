@@ -15,6 +15,9 @@ from tca_wire.packets.headers import Deliver
 _FOR_EVER = float("inf")
 # The most of the patience that a pause between two waits of a handler uses up as silence.
 _PAUSE_SHARE = 0.25
+# Seconds that an answer has to arrive after a message that was handled within the wait. The message
+# may have ended after the timeout, and the answer follows its reply.
+_ANSWER_WITHIN = 0.2
 
 
 class WaitLoop:
@@ -178,6 +181,7 @@ class WaitLoop:
     ) -> bool:
         session, line, now = self._session, self._line, self._clock()
         deadline = _FOR_EVER if timeout is None else now + timeout
+        grace = _ANSWER_WITHIN if timeout else 0.0
         silent_since = now if since is None else since
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
@@ -187,6 +191,7 @@ class WaitLoop:
             if (session.deliveries or session.prefetched) and self._handle_due(
                 is_nested=idle_wait is None
             ):
+                deadline, grace = self._after_message(deadline, grace)
                 continue
             due = session.send_due(now, silent_since, quiet)
             if session.outgoing and not self._flush_within(
@@ -238,6 +243,14 @@ class WaitLoop:
         else:
             within = STEP
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
+
+    def _after_message(self, deadline: float, grace: float) -> tuple[float, float]:
+        """Return a wait's deadline and the grace that is left, after a message handled within it.
+
+        A message that ended after the deadline uses up the grace.
+        """
+        now = self._clock()
+        return (deadline, grace) if now < deadline else (now + grace, 0.0)
 
     def _end_pause(self, seconds: float) -> None:
         """Probe central after a long pause. The packets that arrived in it are read first."""

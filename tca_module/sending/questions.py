@@ -66,7 +66,8 @@ class QuestionServices(CentralServices):
         Args:
             message: the Query.
             data: its data. Default: None, for a query without data.
-            timeout: the most seconds to wait for the reply; None waits for ever. Default: 30.
+            timeout: the most seconds to wait for the reply; None waits for ever. Default: 30. The
+                wait does not interrupt a message that this thread handles within it.
             priority: -1,000,000 to 1,000,000; the highest is first at a busy resource. Default: 0.
 
         Returns:

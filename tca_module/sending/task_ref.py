@@ -38,9 +38,7 @@ from tca_wire.vocabulary import Outcome
 FIND_IT = "other threads connect() themselves, and find it with task(number)"
 """The remedy for a task that is used in a wrong thread."""
 
-_NO_RESULT = (
-    "an exception handler resolved it, so the task is done after a failure and has no result"
-)
+_NO_RESULT = "its failure was resolved: the task is done after a failure and has no result"
 
 
 def tree_id_of(task: "TaskRef") -> TaskId:
@@ -159,7 +157,9 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         """Wait until the task has ended, and return its outcome.
 
         Args:
-            timeout: the most seconds to wait. Default: None, no bound.
+            timeout: the most seconds to wait. Default: None, no bound. It does not interrupt a
+                message that this thread handles within the wait: the wait ends after that message.
+                The option ``deadline=`` of a task ends it in time.
 
         Returns:
             ``Outcome.DONE``, ``FAILED``, ``KILLED`` or ``RESOLVED``. ``RESOLVED`` means *done after
@@ -187,7 +187,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
 
         Args:
             point: the point, such as ``leg.handling.end``.
-            timeout: the most seconds to wait. Default: None, no bound.
+            timeout: the most seconds to wait, as for ``wait``. Default: None, no bound.
 
         Returns:
             The outcome of the point's task at that time: ``Outcome.DONE`` if the task has neither
@@ -405,11 +405,12 @@ class SentTask(TaskRef, Generic[R]):
     def result(self, timeout: float | None = None) -> R:
         """Wait until the task has ended, and return the handler's result.
 
-        A task that is *done after a failure* has no result. Then ``result()`` returns None, or
-        raises TaskFailed if the message declares a result.
+        A task that is *done after a failure* has the result of the fallback that replaced it, if
+        that has the same type. Otherwise it has no result: ``result()`` returns None, or raises
+        TaskFailed if the message declares a result.
 
         Args:
-            timeout: the most seconds to wait. Default: None, no bound.
+            timeout: the most seconds to wait, as for ``wait``. Default: None, no bound.
 
         Returns:
             The result; None for a goal.

@@ -276,6 +276,9 @@ class ServerState:
             if row is None:
                 raise MisuseError(self._why_impossible(name))
             if row.target in cycle.successes:
+                if self.ending not in ("", name):
+                    advice = "a handler takes one end, and then returns"
+                    raise MisuseError(f"'{self.ending}' already ends {self}: {advice}")
                 self.ending = name
                 return
             if cycle.is_over(row.target) and row.effect is not Effect.STOP:
@@ -435,7 +438,7 @@ class ReportingTask:
 
         Raises:
             MisuseError: the transition is not the server's, or not possible in the task's state; or
-                it leads to an end that counts as cancelled.
+                it leads to an end that counts as cancelled, or to a second end.
 
         Example::
 

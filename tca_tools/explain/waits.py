@@ -446,7 +446,12 @@ def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wai
     children = [run.tasks[number] for number in numbers]
     if task.message_class.is_monitor:
         children = _before_restart(task, retry, children, asker)
-    awaited = [TaskId(child.id) for child in children if not child.outlives_retry]
+    fallbacks = {*task.children[retry.children :]} & {*task.caught_by} if retry.fallback else ()
+    awaited = [
+        TaskId(child.id)
+        for child in children
+        if not (child.outlives_retry or child.id in fallbacks)
+    ]
     for child in blocking_tasks(run, awaited, END_ACHIEVING, retry.time):
         if child is not asker:
             start, on = max(retry.time, child.received), Node(child.id, END_ACHIEVING)

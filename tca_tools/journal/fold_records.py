@@ -226,7 +226,8 @@ class RecordFold(Run):
             cause = self._task(fact.failed)
             words = cause.failure.words if cause is task else f"in {cause}: {cause.failure.words}"
             self._undecided[task.id] = Failure(cause.failure.name, words)
-        self._forget_outcome(task)
+        if not fact.fallback or fact.failed != task.id:
+            self._forget_outcome(task)
         has_other_data = fact.body not in (b"", task.body)
         counts = len(task.handlings), len(task.children)
         retry = Retry(

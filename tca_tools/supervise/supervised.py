@@ -70,6 +70,9 @@ class Supervised:
                 self.code = code
                 self._report(f"{self.program.name} {how}{lived}")
                 return
+            if self.program.is_central and code == 0:  # only after a request
+                self._report(f"{self.program.name} {how}{lived}, starts again: it was asked to end")
+                continue
             delay = self._delay(how)
             if delay is None:
                 self.code = 1 if code is None else code

@@ -29,7 +29,14 @@ from tca_tools.view.pictures import is_picture
 from tca_tools.view.traffic import TRAFFIC_TABLES, Traffic
 from tca_tools.view.verdicts import Verdicts
 from tca_wire.coordination import read_report
-from tca_wire.journal.facts import Entry, Failed, Killed, Received, StateChanged
+from tca_wire.journal.facts import (
+    CentralRestarted,
+    Entry,
+    Failed,
+    Killed,
+    Received,
+    StateChanged,
+)
 from tca_wire.journal.takers import takers
 from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
@@ -52,6 +59,7 @@ TABLES = {
     "preview": "task:i time:d role:t",  # the role of a coordinator's task
     "said": "message:i time:d text:t kill:B",  # the text of its failure, or the reason of its kill
     "hold": "task:i before:i kind:t time:d",
+    "restart": "time:d text:t",  # a restart of central
     "row": "label:t module:t",  # module: "" for a row without a module
     # within: the span that contains it, or -1; lane: no other span of its kind overlaps it there
     "span": "row:i kind:t name:t message:i within:i lane:i start:d",
@@ -207,6 +215,10 @@ class Feed:
         change = next(one for one in reversed(task.life) if one[1:4] == wanted)
         if change.effect is not Effect.RESULT:
             self._add("change", span, change.time, titles.of_change(task, change))
+
+    def _add_restarted(self, fact: CentralRestarted) -> None:  # noqa: ARG002 - names the fact
+        restart = self.history.restarts[-1]
+        self._add("restart", restart.time, str(restart))
 
     def _add_failure(self, failed: Failing | None, row: tuple[int, float, int, bool]) -> None:
         """Add a failure: its message, time, span, and whether its handler ran on."""

@@ -422,8 +422,9 @@ class Retry(metaclass=Declaring):
         failures: the failures to deal with; others go to exception handlers. Default: all but
             "uncertain".
         otherwise: a goal or command that replaces the task after its last attempt, or a pair of
-            such a message and its data. When it is achieved, the failure is resolved. Alone it gets
-            the task's own data. Default: None, and the failure goes to exception handlers.
+            such a message and its data. When it is achieved, the failure is resolved, and the task
+            has its result if the types agree. Alone it gets the task's own data. Default: None,
+            and the failure goes to exception handlers.
 
     Raises:
         BadFormat: an argument has the wrong type or range.
@@ -458,11 +459,13 @@ class Retry(metaclass=Declaring):
         if not (is_list and all(isinstance(one, Failure) for one in failures)):
             text = "failures must be a list of declared failures, such as [SLIPPED]"
             raise BadFormat(f"Retry(): {text}, not {failures!r:.60}")
-        self.fallback: TaskMessage[Any, Any] | None
-        self.fallback, *data = otherwise if isinstance(otherwise, tuple) else (otherwise,)
-        if not isinstance(self.fallback, TaskMessage | None) or len(data) > 1:
-            text = "otherwise must be a goal or command, or a pair of one and its data"
-            raise BadFormat(f"Retry(): {text}, not {otherwise!r:.60}")
+        is_pair = isinstance(otherwise, tuple) and len(otherwise) == 2
+        first, *data = otherwise if is_pair else (otherwise,)  # type: ignore[misc]
+        if not isinstance(first, TaskMessage if is_pair else TaskMessage | None):
+            text = "otherwise must be a goal or command, such as CALL_HELP, or a pair"
+            example = "of one and its data, such as (CALL_HELP, 2.0)"
+            raise BadFormat(f"Retry(): {text} {example}, not {otherwise!r:.60}")
+        self.fallback: TaskMessage[Any, Any] | None = first
         self._policy = RetryPolicy(
             attempts,
             pause,

@@ -301,15 +301,19 @@ def test_mission_end_stops_its_tasks_by_default(leave_running: bool) -> None:
         assert robot.done == ([] if leave_running else ["watched"])
 
 
-def test_interrupted_mission_stops_its_tasks_and_fails() -> None:
+def test_interrupted_mission_stops_its_tasks_and_is_killed() -> None:
     with rover() as (central, robot):
         mission = Mission("rover", name="trip", central=central)
         with pytest.raises(KeyboardInterrupt), mission:
             drive_until_interrupted(mission, robot)
         assert robot.done == ["to 5", "stands at 5"]
-        assert "mission failed: KeyboardInterrupt" in central.transcript()
         with connect("user", central) as user:
             assert user.tasks() == []
+        received = [fact for fact in central.facts if isinstance(fact, facts.Received)]
+        goal = next(fact.id for fact in received if fact.message == "mission trip")
+        killed = [fact.task for fact in central.facts if isinstance(fact, facts.Killed)]
+        assert goal in killed
+        assert not any(isinstance(fact, facts.Failed) for fact in central.facts)
 
 
 def drive_until_interrupted(mission: Mission, robot: Rover) -> None:

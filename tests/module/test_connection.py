@@ -268,6 +268,27 @@ def test_prefetched_message_is_not_begun_when_module_ends() -> None:
     ).serve() == [8, 9]
 
 
+@pytest.mark.parametrize("is_answered", [True, False])
+def test_answer_counts_after_a_message_handled_late(*, is_answered: bool) -> None:
+    """The wait's answer may depend on the message that was handled within the wait."""
+    connection, central = scripted_connection()
+
+    def script(header: ToCentral) -> list[ToModule]:
+        if isinstance(header, Reply) and is_answered:
+            central.deliver(Answer(request.header.number), at=central.now + 0.05)
+        return accept_all(header)
+
+    def handle(delivery: Deliver, _: bytes) -> None:
+        central.now += 2.0
+        connection.reply(Reply(delivery.delivery), b"")
+
+    central.script, connection.wait_loop.handle_delivery = script, handle
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.deliver(Deliver(8, "note"))
+    assert connection.wait(request, 0.5, "query") is is_answered
+    assert central.now < 103
+
+
 @pytest.mark.parametrize("is_nested", [False, True])
 @pytest.mark.parametrize("is_forgotten", [False, True])
 def test_pause_is_followed_by_probe_before_prefetched_message(

@@ -37,6 +37,9 @@ def test_handler_names_its_end(user: Client, central: LocalCentral) -> None:
     def look(task: Task, angle: int) -> str | LaterReply[str]:
         if angle:
             task.take("see nothing")
+            task.take("see nothing")
+            with pytest.raises(MisuseError, match="'see nothing' already ends"):
+                task.take("completed")
         if angle == 2:
             later = task.reply_later()
             later.reply("dark")

@@ -122,7 +122,7 @@ def test_stop_ends_run(legs: Module, user: Client) -> None:
 
 
 def test_run_without_central_raises_central_lost(legs: Module, central: LocalCentral) -> None:
-    central.close()
+    central.submit = lambda *_: False  # type: ignore[method-assign]
     with pytest.raises(CentralLost) as lost:
         legs.run(patience=0.1)
     assert not isinstance(lost.value, SystemExit)
@@ -197,7 +197,6 @@ def test_module_ends_when_slot_thread_dies(
 
 
 def test_module_can_be_stopped_before_central_answers(legs: Module, central: LocalCentral) -> None:
-    central.close()
     began = threading.Event()
     central.submit = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
     with in_thread(legs.run) as ends:
@@ -283,12 +282,6 @@ def test_local_central_exposes_its_journal(central: LocalCentral, user: Client) 
     assert kinds == ["module joined", "format", "received", "queued"]
     assert [entry.number for entry in central.entries] == [1, 2, 3]
     assert all(entry.time >= 0 for entry in central.entries)
-
-
-def test_closed_local_central_answers_no_client(central: LocalCentral, user: Client) -> None:
-    central.close()
-    with pytest.raises(CentralLost, match="central at local central 'local' does not answer"):
-        connect("late", central, patience=0.05)
 
 
 def test_closed_local_central_leaves_no_thread() -> None:

@@ -12,6 +12,7 @@ from module.real_central import SOON, RealCentral, disable_polling, until
 from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_module import (
+    TIMEOUT,
     Callback,
     Command,
     LaterReply,
@@ -19,6 +20,7 @@ from tca_module import (
     Module,
     Outcome,
     Task,
+    TaskFailed,
     connect,
 )
 from tca_module.sockets.transport import DealerTransport
@@ -149,3 +151,19 @@ def files_here() -> int:
 
 def pulses_here() -> int:
     return sum(thread.name == "pulse" for thread in threading.enumerate())
+
+
+def test_wait_around_a_late_task_ends_with_its_result(central: RealCentral) -> None:
+    """The timeout can't interrupt the task within the wait: it has the thread. Its deadline can."""
+    legs, lift, climb = Module("legs", central.address), Command("lift", float), Command("climb")
+    legs.handles(lift)(lambda task, seconds: task.sleep(seconds))
+
+    @legs.handles(climb)
+    def climbs(task: Task) -> None:
+        assert task.command(lift, 0.03).wait(timeout=0.01) is Outcome.DONE
+        task.command(lift, 2 * SOON, deadline=0.1).wait(timeout=0.01)
+
+    with legs.running(), connect("user", central.address) as user:
+        with pytest.raises(TaskFailed) as caught:
+            user.command(climb).result(SOON)
+        assert caught.value.failure == TIMEOUT.name

@@ -136,7 +136,7 @@ def test_resolved_failure_lets_parent_goal_continue(robot: Robot, user: Client) 
 
 def test_declared_result_of_resolved_task_raises(robot: Robot, user: Client) -> None:
     robot.reactions = [resolve]
-    with pytest.raises(TaskFailed, match="resolved it") as caught:
+    with pytest.raises(TaskFailed, match="was resolved") as caught:
         user.command(WEIGH, on_failure=ON_SLIP).result(SOON)
     assert caught.value.failure == "slip"
 

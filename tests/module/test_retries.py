@@ -1,6 +1,7 @@
 """Retry policies, names for failures of central, mutexes, and options of what may have no handler."""
 
 import threading
+from typing import Any
 
 import pytest
 
@@ -22,6 +23,7 @@ from tca_module import (
     Recovery,
     Retry,
     Task,
+    TaskFailed,
     TaskKilled,
 )
 from tca_module.testing import LocalCentral
@@ -105,6 +107,22 @@ def test_fallback_gets_its_data_or_those_of_the_task(
     assert called == [(data, "slipped")]
 
 
+@pytest.mark.parametrize(("result", "expected"), [(7, 7), (None, "call help"), ("7", "call help")])
+def test_task_has_result_of_its_fallback_if_types_agree(
+    legs: Module, user: Client, lifted: list[float], result: object, expected: object
+) -> None:
+    call_help: Command[float, Any] = Command("call help", float, result=type(result))
+    legs.handles(call_help)(lambda *_: result)
+    with legs.running():
+        lifting = user.command(LIFT, -1.0, retry=Retry(1, otherwise=call_help))
+        if isinstance(expected, int):
+            assert lifting.result(SOON) == expected
+        else:
+            with pytest.raises(TaskFailed, match=str(expected)):
+                lifting.result(SOON)
+        assert lifting.wait(SOON) is Outcome.RESOLVED
+
+
 def test_policy_of_goal_retries_what_its_handler_sends(
     legs: Module, user: Client, lifted: list[float]
 ) -> None:
@@ -158,6 +176,9 @@ def test_policy_outlives_its_sender(
         lambda: Retry(failures=SLIPPED),  # type: ignore[arg-type]
         lambda: Retry(failures=["slipped"]),  # type: ignore[list-item]
         lambda: Retry(otherwise=Query("height", reply=float)),  # type: ignore[arg-type]
+        lambda: Retry(otherwise=(CALL_HELP,)),  # type: ignore[arg-type]
+        lambda: Retry(otherwise=()),  # type: ignore[arg-type]
+        lambda: Retry(otherwise=(None, 2.0)),  # type: ignore[arg-type]
         lambda: Command("a", str, retry=3),  # type: ignore[call-overload]
         lambda: Command("a", str, retry=Retry(otherwise=CALL_HELP)),
     ],

@@ -12,6 +12,7 @@ from module.real_central import SOON
 
 from tca_module import (
     Callback,
+    CentralLost,
     Client,
     Command,
     Goal,
@@ -271,6 +272,17 @@ def test_real_clock_offers_until_quiet_and_transcript() -> None:
             assert "returned: rest {1}: done" in central.transcript().splitlines()
         with pytest.raises(MisuseError, match=r"advance\(\) needs a stepped clock: .*stepped=True"):
             central.advance(1)
+
+
+@pytest.mark.parametrize("stepped", [False, True])
+def test_call_of_a_closed_central_fails_at_once(*, stepped: bool) -> None:
+    central = LocalCentral(stepped=stepped)
+    with connect("user", central) as user:
+        walk = user.goal(WALK, 1)
+        central.close()
+        for call in (lambda: user.query(STEER, 1), walk.wait, lambda: connect("late", central)):
+            with pytest.raises(CentralLost, match="'local' is closed"):
+                call()
 
 
 def test_wrong_clock_arguments_are_misuse(central: LocalCentral) -> None:

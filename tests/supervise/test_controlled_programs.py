@@ -76,12 +76,15 @@ def test_control_without_a_running_robot_fails(tmp_path: Path) -> None:
 
 def test_restart_of_central_keeps_the_run(tmp_path: Path) -> None:
     address = f"ipc://{tmp_path}/c.sock"
-    text = f"[central]\naddress = '{address}'\njournal = 'journal'\n{ONE}"
+    text = f"[central]\naddress = '{address}'\njournal = 'journal'\nrestarts = 0\n{ONE}"
     with robot(tmp_path, HASTY + text) as running:
         running.hear("listening on")
         with connect("user", address, patience=20) as user:
             epoch = user.status()["epoch"]
             assert say(tmp_path, "restart", "central") == ["central restarted"]
+            running.hear("continues the unfinished run")
+            assert user.status()["epoch"] == epoch
+            user.end_central(keep=True)  # as ``tca central --stop --keep`` does: no crash
             running.hear("continues the unfinished run")
             assert user.status()["epoch"] == epoch
 

@@ -40,6 +40,32 @@ def test_handled_failures_are_marked_and_found(open_page: OpenPage, tmp_path: Pa
     ) == ["amber", "red"]
 
 
+def test_restart_of_central_is_marked_and_named(open_page: OpenPage, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").at(1.0)
+    story.delivered(story.command("move", "user"), "legs")
+    story.at(4.0).say(facts.CentralEnding("tca central", keep=True))
+    story.at(4.5).say(facts.CentralRestarted(1.5, 2)).at(9.0).say(facts.Closed("done"))
+    page = open_page(story.write(tmp_path / "run"))
+    expect(page.locator("#counts")).to_be_attached()
+    x, y, *colours = page.evaluate(
+        """() => {
+      const { chart, slider, store } = tca, box = chart.canvas.getBoundingClientRect(), [from, to] = chart.window;
+      const x = chart.labelWidth + (4.5 - from) / (to - from) * (chart.width - chart.labelWidth);
+      const { canvas } = slider, onSlider = 7 + (4.5 - store.start) / (store.end - store.start) * (canvas.clientWidth - 14);
+      const isViolet = (canvas, x, y) => {
+        const [red, green, blue] = canvas.getContext("2d").getImageData(Math.floor(x), y, 1, 1).data;
+        return red > green + 20 && blue > green + 20;
+      };
+      return [box.left + x, box.top, isViolet(chart.canvas, x, 15), isViolet(chart.canvas, x, 60), isViolet(canvas, onSlider, 5)];
+    }"""
+    )
+    assert colours == [True, True, True]
+    page.mouse.move(x, y + 10)
+    expect(page.locator("#hint")).to_have_text(
+        "4.500 s: central was restarted, as asked, after 1.5 s"
+    )
+
+
 def baking() -> Story:
     """Return a story of thirty cakes. The heating of one cake fails, and this cake is killed."""
     story = Story().module("cook", "bake cake", "stir", "heat").at(1.0)

@@ -145,6 +145,22 @@ LOST = LifeCycle(
     done=["done", "skipped"],
     cancelled=["cancelled", "lost"],
 )
+ABORTED_FIRST = LifeCycle(
+    "aborted first",
+    ROS_GOAL.transitions,
+    initial="accepted",
+    done="succeeded",
+    cancelled=["aborted", "canceled"],
+)
+HIDDEN = LifeCycle(
+    "hidden",
+    [
+        *RUN,
+        Transition("hide", "running", "hidden", CLIENT),
+        Transition("dropped", "hidden", "dropped"),
+    ],
+    cancelled=["cancelled", "dropped"],
+)
 
 
 @pytest.mark.parametrize(
@@ -168,6 +184,9 @@ LOST = LifeCycle(
         (ROS_GOAL, "accepted", FAILED, "rejected", "failed to aborted by central"),
         (ROS_GOAL, "canceling", KILLED, "", "canceled to canceled by server"),
         (ROS_GOAL, "executing", KILLED, "", "killed to canceled by central"),
+        (ABORTED_FIRST, "accepted", KILLED, "", "killed to canceled by central"),
+        (ABORTED_FIRST, "executing", KILLED, "", "killed to canceled by central"),
+        (HIDDEN, "hidden", KILLED, "", "killed to dropped by central"),
         (ROS_GOAL, "canceling", DONE, "", "succeed to succeeded by server"),
     ],
 )

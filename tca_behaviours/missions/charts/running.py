@@ -52,7 +52,7 @@ _ENDING_TEXTS = {
 
 
 class RunEnd(NamedTuple):
-    """How a run ended, and the event that led to it."""
+    """How a run ended, and the event that caused this ending."""
 
     ending: str
     event: str
@@ -110,7 +110,7 @@ class MachineRun:
         except BaseException:
             self._stop_all()
             raise
-        return RunEnd(ending, event)
+        return RunEnd(ending, self._chart.cause)
 
     def _step(self) -> str:
         """Wait for an event, and leave its state. Returns a description of the event.
@@ -122,8 +122,9 @@ class MachineRun:
             if tasks and (ended := self._mission.first_ended(tasks, self._patience())):
                 return self._leave_ended(ended[0])
             if (due := self._timers.due(self._clock())) is not None:
-                self._chart.record_time(due.source)
-                return f"{due.source.label}: {due.symbol}"
+                event = f"{due.source.label}: {due.symbol}"
+                self._chart.record_time(due.source, event)
+                return event
             if self._calls:
                 return self._call(self._calls[0])
 
@@ -145,9 +146,10 @@ class MachineRun:
         return self._leave(state, ending, end.text if ending != "completed" else "")
 
     def _leave(self, state: MachineState, ending: str, text: str) -> str:
-        self._chart.record_end(state, ending)
         event = f"{state.label} {_ENDING_TEXTS.get(ending, f'has ended as {ending}')}"
-        return f"{event}: {text}" if text else event
+        event = f"{event}: {text}" if text else event
+        self._chart.record_end(state, ending, event)
+        return event
 
     def _call(self, state: MachineState) -> str:
         """Call the function of a Python state, and leave the state."""

@@ -39,16 +39,22 @@ class Statechart(LibraryChart[MachineState]):
         """The endings of the states in a concurrence, by label, since it was entered."""
         self._decided: dict[MachineState, str | None] = {}
         """The ending of a concurrence; None while it continues."""
+        self._causes: dict[MachineState, str] = {}
+        """The event that led to the last ending of a state in a concurrence."""
+        self.cause = ""
+        """The event that led to the last ending."""
         definition: dict[str, Any] = {self._names[root]: self._definition_of(root, is_first=True)}
         definition |= {f"end{number}": {"final": True} for number in self._numbers.values()}
         self._compile(definition)
 
-    def record_end(self, state: MachineState, ending: str) -> None:
-        """Leave an active state that has ended, and enter the states that follow."""
+    def record_end(self, state: MachineState, ending: str, event: str = "") -> None:
+        """Leave an active state that has ended by *event*, and enter the states that follow."""
+        self.cause = event
         self.send(self._event(state, ending))
 
-    def record_time(self, state: MachineState) -> None:
+    def record_time(self, state: MachineState, event: str = "") -> None:
         """Leave an active state because of its time, and enter the states that follow."""
+        self.cause = event
         self.send(f"after.{self._names[state]}")
 
     @property
@@ -132,9 +138,13 @@ class Statechart(LibraryChart[MachineState]):
             concurrence = branch.parent
             assert concurrence is not None
             assert concurrence.policy is not None
-            ended = self._ended[concurrence]
-            ended[branch.label] = ending
-            self._decided[concurrence] = concurrence.policy.ending(ended, len(concurrence.children))
+            ended, branches = self._ended[concurrence], concurrence.children
+            ended[branch.label], self._causes[branch] = ending, self.cause
+            decided = concurrence.policy.ending(ended, len(branches))
+            self._decided[concurrence] = decided
+            first = next((label for label in ended if ended[label] == decided), "")
+            if decided != "completed" and first:
+                self.cause = self._causes[next(one for one in branches if one.label == first)]
 
         return decide
 

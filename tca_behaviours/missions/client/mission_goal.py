@@ -185,17 +185,21 @@ class MissionGoal:
 
         Args:
             error: the exception that has ended the mission, which fails the goal; None: the goal is
-                done.
+                done. After a KeyboardInterrupt the goal is killed.
             waits: whether to wait for the end of the goal. Don't if a task below it is known to
                 hang.
         """
         with self._stack:
             if self._reply is None or self._top is None or isinstance(error, CentralLost):
                 return
+            is_stopped = isinstance(error, KeyboardInterrupt)
             with contextlib.suppress(TcaError):
-                self._top.kill("the mission has ended", scope=Scope.DESCENDANTS)
+                if is_stopped:
+                    self._top.kill("the mission was ended by Ctrl-C")
+                else:
+                    self._top.kill("the mission has ended", scope=Scope.DESCENDANTS)
             with contextlib.suppress(Stopped, MisuseError):
-                if error is None:
+                if error is None or is_stopped:
                     self._reply.reply()
                 else:
                     text = "".join(traceback.format_exception_only(error)).strip()

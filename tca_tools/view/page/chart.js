@@ -5,7 +5,7 @@ import { clipped, css, prepared } from "./dom.js";
 import { ScrollBar } from "./scroll.js";
 import { BETWEEN, LANE, NAMED, THIN, drawCurve, firstWith, inOrder, placed } from "./rows.js";
 import { RESOLVED, wasHandled } from "./store.js";
-import { spanWords } from "./words.js";
+import { seconds, spanWords } from "./words.js";
 
 const MERGED_BELOW = 1.5, STRIP_HEIGHT = 3; // pixels; STRIP_HEIGHT: of the strip over the bar of a task that ran ahead of its state
 const MARGIN = 0.01; // free time at both ends of the window, as a share of it
@@ -159,9 +159,20 @@ export class Chart {
     drawAxis(context, this.window, { ...area, x: (time) => this.#x(time) });
     this.futureNames = []; // functions that draw names over the veil
     this.#clipToRows(() => this.layout.forEach((box) => box.bottom > AXIS && box.top < height && this.#drawRow(box)));
+    this.#drawRestarts();
     drawCursor(context, this.#x(Math.min(this.time, this.store.end)), area);
     this.#clipToRows(() => this.futureNames.forEach((draw) => draw()));
     this.scrollBar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((box) => box.top + LANE > height).length);
+  }
+
+  // Draw a line with a flag at each restart of central.
+  #drawRestarts() {
+    for (const { time } of this.store.restarts) {
+      const x = this.#x(time);
+      if (x < this.labelWidth || x > this.width) continue;
+      this.#drawFlag(x, AXIS - 1, css("--restart"));
+      this.context.fillRect(x - 0.75, AXIS, 1.5, this.height - AXIS);
+    }
   }
 
   // Call `draw`, which can draw only below the axis.
@@ -449,10 +460,11 @@ export class Chart {
 
   #showHint({ offsetX, offsetY }) {
     this.pointer = { offsetX, offsetY };
-    const found = this.hitAt(offsetX, offsetY);
-    this.hint.hidden = !found;
-    if (!found) return;
-    this.hint.textContent = spanWords(found, this.store, this.time);
+    const found = offsetY > AXIS ? this.hitAt(offsetX, offsetY) : null;
+    const restart = found ? null : this.store.restarts.find(({ time }) => Math.abs(this.#x(time) - offsetX) <= 4);
+    this.hint.hidden = !(found || restart);
+    if (this.hint.hidden) return;
+    this.hint.textContent = found ? spanWords(found, this.store, this.time) : `${seconds(restart.time)}: ${restart.text}`;
     const left = Math.min(offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
     this.hint.style.left = `${Math.max(left, 0)}px`;
     this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;

@@ -1,4 +1,4 @@
-// The time slider: the number of entries over time, failures in red or amber, and a handle to drag; also play, steps and speed.
+// The time slider: the number of entries over time, failures in red or amber, restarts of central in violet, and a handle to drag; also play, steps and speed.
 
 import { css, prepared } from "./dom.js";
 import { duration, seconds } from "./words.js";
@@ -126,6 +126,8 @@ export class Slider {
     context.globalAlpha = 1;
     context.fillStyle = css("--mark");
     context.fillRect(EDGE, height - 8, x(this.time) - EDGE, 4);
+    context.fillStyle = css("--restart");
+    for (const { time } of this.store.restarts) context.fillRect(x(time) - 0.75, 2, 1.5, height - 10);
     this.#drawFailures(context, x, height);
     context.fillStyle = css("--mark");
     context.beginPath();

@@ -90,6 +90,27 @@ def test_concurrence_until_all_ends_with_its_last_state() -> None:
     assert run.happened[-2:] == ["stop Turn", "Turn interrupted"]
 
 
+@pytest.mark.parametrize(
+    ("script", "end"),
+    [
+        (("Look failed", "Listen completed", "Turn failed"), ("failed", "Look has failed")),
+        (("Listen timeout", "Turn failed", "Look completed"), ("timeout", "Listen was not done")),
+        (("Look completed", "Listen completed", "Turn completed"), ("completed", "Turn has")),
+    ],
+)
+def test_cause_is_the_first_ending_that_counts(
+    script: tuple[str, ...], end: tuple[str, str]
+) -> None:
+    with Concurrence("both", until="all ended") as sm:
+        sm.Look(foreground=False)
+        with sm.concurrence(until="all ended"):
+            sm.Listen(foreground=False)
+            sm.Turn()
+    run = Played(sm, *script)
+    assert run.end is not None
+    assert (run.end.ending, run.end.event[: len(end[1])]) == end
+
+
 def test_machine_follows_written_transitions_only() -> None:
     with StateMachine("fetch") as sm:
         sm.GoTo().on(completed="grasp", failed="Turn")

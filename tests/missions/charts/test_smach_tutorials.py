@@ -131,7 +131,7 @@ def test_concurrence_waits_though_one_failed() -> None:
         sm.Look(foreground=False)
         sm.Turn()
     run = Played(sm, "Look timeout", "Turn failed")
-    assert run.end == ("timeout", "Turn has failed")
+    assert run.end == ("timeout", "Look was not done in time")
     assert "stop Turn" not in run.happened
     assert Played(sm, "Look completed", "Turn completed").end == ("completed", "Turn has completed")
 
