@@ -206,9 +206,12 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     if (lent := _find_to_lend(central, cycle)) is not None:
         queued, slot = lent
         # A handler within the wait may be at work. Its own wait or end starts the next search.
-        if is_waiting := bool(central.dispatcher.lending.waits_of(slot)):
-            central.dispatcher.lend(queued, slot)
-        return is_waiting
+        # After a restart, tasks may be paused. Then their release starts it.
+        dispatcher = central.dispatcher
+        can_lend = bool(dispatcher.lending.waits_of(slot)) and not dispatcher.are_tasks_paused
+        if can_lend:
+            dispatcher.lend(queued, slot)
+        return can_lend
     if not central.search_delay:
         return False
     text = describe(central, cycle)

@@ -391,6 +391,7 @@ class Dispatcher(Stored):
         self.are_tasks_paused = False
         for resource in (one for module in modules for one in module.resources.values()):
             self._admit_more(resource)
+            self._suspects.extend((one, number) for one in resource.slots for number in one.waits)
 
     def _admit_more(self, resource: Resource[Connection, Delivery]) -> None:
         """Have a resource admit what was kept out: in free slots, and within waits."""
