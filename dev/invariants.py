@@ -421,6 +421,8 @@ def _check_pending_waits(central: State) -> None:
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
                 assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
     for timer in timers:
+        if timer.due is Due.ATTEMPT:
+            assert timer.subject.timer is timer, f"{timer.subject.task}: two times for an attempt"
         due_for = getattr(timer.subject, "task", None)
         assert due_for is None or _is_alive(central, due_for), (
             f"{due_for}: has ended, and is due for '{timer.due}'"

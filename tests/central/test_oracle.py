@@ -61,8 +61,8 @@ class JudgedPlayer(Player):
 
 
 class JudgedLife(Life):
-    """A life without features that the oracle lacks: pending limits, variables, retry policies, and
-    timers due at the same time.
+    """A life without features that the oracle lacks: pending limits, variables, and timers due at
+    the same time.
     """
 
     modules = JUDGED
@@ -73,9 +73,6 @@ class JudgedLife(Life):
     def __init__(self) -> None:
         self.timers = 0
         super().__init__(self.player_class())
-
-    def retry_policy(self, *_: int) -> None:
-        return None
 
     def seconds(self, number: int) -> float:
         self.timers += 1

@@ -22,6 +22,7 @@ the rules of displacement. No two timers are due at the same time.
     oracle_rules.py     points, constraints, birth and end of tasks.
     oracle_records.py   the records.
     oracle_failures.py  failures, retries, kills, suspension.
+    oracle_policies.py  retry policies.
     oracle_slots.py     resources and their order.
     oracle_locks.py     locks and reservations.
     oracle_taps.py      wiretaps.
@@ -36,6 +37,7 @@ from properties import (
     oracle_failures,
     oracle_locks,
     oracle_monitors,
+    oracle_policies,
     oracle_rules,
     oracle_slots,
     oracle_taps,
@@ -84,6 +86,7 @@ class Oracle:
         seen = world.seen = Seen(effects)
         world.time = max(world.time, event.time)
         world.step += 1
+        world.retried = []
         oracle_rules.pass_time(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
@@ -120,6 +123,8 @@ class Oracle:
             raise Disagreement(
                 f"central sent or delivered more: {world.seen.made} {world.seen.given}"
             )
+        if world.retried != seen.retried:
+            raise Disagreement(f"policies retry {world.retried}; central says {seen.retried}")
         self._compare_queues(seen)
         self._compare_waits(seen)
         self._compare_claims(seen)
@@ -283,6 +288,8 @@ class Oracle:
             priority=header.priority,
             run=world.ended_runs[module],
         )
+        if header.retry is not None:
+            node.policy = oracle_policies.Policy(header.retry)
         if kind.is_monitor:
             oracle_monitors.init_watch(node, header.watch)
             node.is_foreign = oracle_monitors.is_foreign(

@@ -10,7 +10,7 @@ from tca_wire.journal.causes import TimeOver
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Condition, MessageClass, Refusal, Role
 
 SH, EH, SP, EP, SA, EA = tuple(Moment)
 STARTS = {SH, SP, SA}
@@ -72,7 +72,7 @@ class Node(Job):
     void: bool = False  # of an exception handler: its end decides nothing more
     resolved: bool = False  # of an exception handler: it has resolved its failure
     attached: list["Attachment"] = field(default_factory=list)
-    calls: dict[int, int] = field(default_factory=dict)  # number of calls, by attachment
+    calls: dict[float, int] = field(default_factory=dict)  # number of calls, by attachment
     termination_messages: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # *before* taps that have fired
@@ -83,6 +83,7 @@ class Node(Job):
     watches_over: bool = False  # a background monitor
     is_foreign: bool = False  # a monitor not caused by its parent's handling
     asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
+    policy: Any = None  # its retry policy
 
     @property
     def is_goal(self) -> bool:
@@ -145,7 +146,7 @@ class Pair:
 @dataclass(eq=False)
 class Alarm:
     """A timer of a task: its deadline, its delayed kill, a monitor's end or (*is_test*) a monitor's
-    next test.
+    next test, the end of a pause before a retry, or of the time of an attempt.
     """
 
     due: float
@@ -155,6 +156,8 @@ class Alarm:
     ending: "Ending | None" = None
     watch: Any = None
     is_test: bool = False
+    is_pause: bool = False
+    is_attempt: bool = False
 
 
 @dataclass(eq=False)
@@ -169,7 +172,7 @@ class Ending:
 
 @dataclass(eq=False)
 class Attachment:
-    id: int
+    id: float
     failure: str
     handler: str
     maximum: int
@@ -259,6 +262,16 @@ class Seen:
             for name, header in self.transmitted
             if isinstance(header, headers.Refused)
         ]
+        self.refused_retries = [
+            fact
+            for fact in self.facts
+            if isinstance(fact, facts.RequestRefused) and fact.sender == CENTRAL
+        ]
+        self.retried = [
+            (int(fact.task), fact.fallback)
+            for fact in self.facts
+            if isinstance(fact, facts.Retried) and fact.by == CENTRAL
+        ]
         self.deadlocked = [
             (name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK
         ]
@@ -270,8 +283,19 @@ class Seen:
     @property
     def is_refused(self) -> bool:
         return any(
-            isinstance(fact, facts.RequestRefused) and not is_deadlock(fact) for fact in self.facts
+            isinstance(fact, facts.RequestRefused)
+            and fact.sender != CENTRAL
+            and not is_deadlock(fact)
+            for fact in self.facts
         )
+
+    def take_refused_retry(self, task: int) -> bool:
+        """Take central's refusal of a retry of its own, which would wait for itself."""
+        found = self.refused_retries[:1]
+        if found and found[0].text.startswith(f"task {task} "):
+            del self.refused_retries[0]
+            return True
+        return False
 
     def is_accepted_as(self, number: int) -> bool:
         return any(
@@ -351,6 +375,7 @@ class World:
         self.killed_tasks: set[int] = set()  # the killed ones of *ended*
         self.never_began: set[tuple[int, Moment]] = set()  # unreached starts of killed tasks
         self.spared: set[Node] = set()  # unhandled exception handlers, not skipped yet
+        self.retried: list[tuple[int, str]] = []  # by policies in this event, with the fallback
         self.has_sent = False  # a wiretap has sent something since the last look
         self.seen = Seen([])
 
