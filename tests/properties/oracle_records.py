@@ -46,7 +46,10 @@ class Job:
     arrival: tuple[int, int] | None = None  # first start of its wait; None after it lost its place
     slot: str = ""  # the handling connection
     handling_id: int = 0
-    nested: bool = False  # handled by its own sender's slot, beyond the capacity
+    nested: bool = False  # handled within the wait of its slot's handler
+    host: "Job | None" = None  # if nested: the message whose handler waits meanwhile
+    is_postponed: bool = False  # its handler has returned, and replies later
+    frees_slot: bool = False  # its slot handles any message until then
     turn: int = 0  # its rank among all deliveries
     origin: int = 0  # the delivery whose handler sent it
     about: "Job | None" = None  # its cause, if central made it
@@ -84,6 +87,7 @@ class Node(Job):
     is_foreign: bool = False  # a monitor not caused by its parent's handling
     asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
     policy: Any = None  # its retry policy
+    noted_at: str = ""  # the slot that may handle it within a wait
 
     @property
     def is_goal(self) -> bool:
@@ -111,6 +115,16 @@ class Node(Job):
             found.append(node)
             node = node.parent
         return found
+
+
+@dataclass(eq=False)
+class Wait:
+    """The wait of a connection for a point of a task."""
+
+    node: Node
+    moment: Moment
+    origin: int = 0  # the delivery whose handler sent the request
+    holds_back: int = 0  # the delivery whose handler does nothing else meanwhile
 
 
 @dataclass(eq=False)
@@ -368,7 +382,7 @@ class World:
         self.endings: list[Ending] = []
         self.attached: dict[str, list[Attachment]] = {}  # by message, newest last
         self.taps: dict[str, list[Tap]] = {}  # by message
-        self.waits: dict[tuple[str, int], tuple[Node, Moment]] = {}
+        self.waits: dict[tuple[str, int], Wait] = {}
         self.collectors: list[Collector] = []
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()

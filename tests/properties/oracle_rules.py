@@ -11,6 +11,7 @@ from typing import Any
 
 from properties import (
     oracle_failures,
+    oracle_lending,
     oracle_locks,
     oracle_monitors,
     oracle_policies,
@@ -358,6 +359,7 @@ def _consider_start(
     node.waiting = True
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since
+    oracle_lending.note(world, node)
     return True
 
 
