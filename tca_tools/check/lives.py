@@ -8,7 +8,7 @@ from tca_tools.check.world import JournalWorld
 from tca_wire.errors import BadFormat
 from tca_wire.journal import facts
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_life_cycle
-from tca_wire.vocabulary import Outcome, Party
+from tca_wire.vocabulary import Party
 
 UNKNOWN = -1
 """The serial number of a task whose number of changes depends on facts before the journal."""
@@ -28,11 +28,19 @@ def sent(world: JournalWorld, task: MessageRecord) -> None:
         task.state = _cycle(world, task).initial
 
 
-def ended(world: JournalWorld, task: MessageRecord) -> None:
-    """Set the final state of a task."""
-    if not task.message_class.is_monitor:
-        outcome = Outcome.KILLED if task.is_killed else Outcome.DONE
-        task.state = _cycle(world, task).end(task.state, outcome).target
+def returned(world: JournalWorld, task: MessageRecord, fact: facts.Returned) -> None:
+    """Apply that a handler has completed a task, by the transition that it may have named."""
+    cycle = _cycle(world, task)
+    is_known = world.is_whole and task.serial != UNKNOWN and not task.is_incomplete
+    is_ended_otherwise = task.is_killed or task.is_retry_due or task.message_class.is_monitor
+    if is_ended_otherwise or not is_known or (cycle == GENERAL and not fact.transition):
+        return
+    if cycle.completion([task.state, *task.overtaken], fact.transition) is None:
+        how = f" by '{fact.transition}'" if fact.transition else ""
+        what = (
+            f"was {task.state} when its handler completed it{how}: {cycle} has no such transition"
+        )
+        world.report(LIFE, task, what)
 
 
 def handler_changed(world: JournalWorld, task: MessageRecord, module: str = "") -> None:

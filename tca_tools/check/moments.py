@@ -1,6 +1,6 @@
 """Rules of moments: tasks reach them in order and as soon as possible, and waits end with them."""
 
-from tca_tools.check import lives, rules
+from tca_tools.check import rules
 from tca_tools.check.failing import handler_ended
 from tca_tools.check.order import in_words, next_moments, why_too_early
 from tca_tools.check.presence import claim_in_words
@@ -72,7 +72,6 @@ def _update_followers(world: JournalWorld, item: MessageRecord, moments: int) ->
 
 def _ended(world: JournalWorld, item: MessageRecord) -> None:
     """Apply that a task has ended."""
-    lives.ended(world, item)
     if item.parent is not None:
         item.parent.children.pop(item.id, None)
         item.parent.background_monitors -= item.is_background

@@ -14,7 +14,7 @@ from properties.life import LENDING_OPERATIONS, MODULES, Life, Operations, opera
 from properties.oracle import Oracle
 from sampling import lives
 
-from tca_central.events import ConfirmTasks, Effect, Tick
+from tca_central.events import ConfirmTasks, Effect, RequestReceived, Tick
 from tca_central.outgoing.central_messages import suspend
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Failed, Killed, Received
@@ -46,8 +46,10 @@ class JudgedPlayer(Player):
         cannot tell the effects of a timer from those of a deadlock.
         """
         clock = self.central.clock
+        header = event.header if isinstance(event, RequestReceived) else None
+        begins_wait = isinstance(header, headers.AwaitPoint | headers.AwaitAny | headers.Await)
         while (
-            (self.central.claims or self.central.blocked)
+            (self.central.claims or self.central.blocked or begins_wait)
             and clock.next is not None
             and clock.next <= event.time
         ):

@@ -293,7 +293,7 @@ class Life:
             return
         handler = handled[a % len(handled)]
         assert handler.slot
-        name, origin, awaited = handler.slot.id.decode(), handler.handling_id, self.task(c)
+        name, origin = handler.slot.id.decode(), handler.handling_id
         own = [
             one
             for one in handler.slot.module.handlers.values()
@@ -304,9 +304,8 @@ class Life:
             self.player.send(
                 name, message, under=handler.id, origin=origin, flags=Flags(d % 2), brief=True
             )
-            awaited = TaskId(self.central.tree.newest)
-        if awaited is None:
-            return
+        tasks = [task.id for task in self.central.tree.tasks.values()]
+        awaited = tasks[-1 if b % 4 else c % len(tasks)] if tasks else handler.id
         place = point(awaited, list(Moment)[5 if b % 2 else d % 6])
         kinds = {"blocking": d % 2 == 0, "lends_slot": d % 4 == 1, "brief": d % 8 == 0}
         self.player.receive(
