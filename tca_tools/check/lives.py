@@ -29,7 +29,7 @@ def sent(world: JournalWorld, task: MessageRecord) -> None:
 
 
 def returned(world: JournalWorld, task: MessageRecord, fact: facts.Returned) -> None:
-    """Apply that a handler has completed a task, by the transition that it may have named."""
+    """Check the transition by which a handler has completed a task."""
     cycle = _cycle(world, task)
     is_known = world.is_whole and task.serial != UNKNOWN and not task.is_incomplete
     is_ended_otherwise = task.is_killed or task.is_retry_due or task.message_class.is_monitor
