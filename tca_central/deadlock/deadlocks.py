@@ -205,10 +205,13 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     """
     if (lent := _find_to_lend(central, cycle)) is not None:
         queued, slot = lent
-        # A handler within the wait may be at work. Its own wait or end starts the next search.
-        if is_waiting := bool(central.dispatcher.lending.waits_of(slot)):
+        # Another handler within the wait may go on. Its own wait or end starts the next search.
+        if needs_it := any(
+            number in slot.unchecked_waits or search.is_stuck(Waiting(slot, number))
+            for number in central.dispatcher.lending.waits_of(slot)
+        ):
             central.dispatcher.lend(queued, slot)
-        return is_waiting
+        return needs_it
     if not central.search_delay:
         return False
     text = describe(central, cycle)
