@@ -46,6 +46,7 @@ def check_invariants(central: State) -> None:
     for check in (
         _check_watches,
         _check_resources,
+        _check_lending,
         _check_stranded,
         _check_claims_of_tasks,
         _check_pending_waits,
@@ -348,6 +349,35 @@ def _check_resources(central: State) -> None:
             _check_handled_wait(wait)
 
 
+def _check_lending(central: State) -> None:
+    """Check who has each slot, and that each queued task is noted at the slot that is lent to it.
+
+    A slot without a delivery that counts for the capacity has only deliveries that have freed it,
+    and answers to its own queries.
+    """
+    lending, running = central.dispatcher.lending, central.dispatcher.running
+    assert not lending.to_lend, "slots to be lent"
+    for delivery, frees_slot in lending.postponed.items():
+        assert running.get(delivery.handling_id) is delivery, f"{delivery}: replies never"
+        assert delivery.nested or not frees_slot, f"{delivery}: has freed its slot, and counts"
+    for delivery in running.values():
+        slot = delivery.slot
+        assert slot is not None
+        if isinstance(delivery, Task) and slot.has_room:
+            assert lending.postponed.get(delivery), f"{delivery}: its slot is free"
+    for module in central.registry.modules.values():
+        for resource in module.resources.values():
+            for task, slot in resource.lendable.items():
+                assert resource in (task.queues or ()), f"{task}: noted at {resource.name}"
+                assert slot.resource is resource, f"{task}: noted at a slot of another resource"
+    for task in central.tree.tasks.values():
+        resources = task.queues or ()
+        above = [one.slot.resource for one in task.lineage() if one.slot is not None]
+        assert set(above).isdisjoint(resources) or any(task in one.lendable for one in resources), (
+            f"{task}: not noted at a slot above it"
+        )
+
+
 def _check_prefetched(resource: ModuleResource, name: str) -> None:
     """Check prefetched messages: they are in order, wait for nothing else, and their slot is busy.
 
@@ -396,7 +426,9 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
     for delivery in central.dispatcher.running.values():
         is_from_outside = delivery.slot is not held_by.slot and not delivery.nested
         if delivery.slot in resource.slots and is_from_outside:
-            is_let_in = held_by.admits_owner and delivery.sent_by is held_by.owner
+            # A task, or a query to oneself, may have begun within a wait that has ended.
+            is_own = delivery.is_task or (delivery.sender and delivery.sender.resource is resource)
+            is_let_in = held_by.admits_owner and (delivery.sent_by is held_by.owner or is_own)
             assert is_let_in, (
                 f"{name}: handles {delivery.message.name} {delivery.id} despite the claim"
             )
@@ -421,6 +453,8 @@ def _check_pending_waits(central: State) -> None:
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
                 assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
     for timer in timers:
+        if isinstance(timer.subject, Policy):
+            assert timer.subject.timer is timer, f"{timer.subject.task}: two times for an attempt"
         due_for = getattr(timer.subject, "task", None)
         assert due_for is None or _is_alive(central, due_for), (
             f"{due_for}: has ended, and is due for '{timer.due}'"

@@ -205,12 +205,14 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     """
     if (lent := _find_to_lend(central, cycle)) is not None:
         queued, slot = lent
-        # A handler within the wait may be at work. Its own wait or end starts the next search.
+        # Another handler within the wait may go on. Its own wait or end starts the next search.
         # After a restart, tasks may be paused. Then their release starts it.
-        dispatcher = central.dispatcher
-        can_lend = bool(dispatcher.lending.waits_of(slot)) and not dispatcher.are_tasks_paused
+        can_lend = not central.dispatcher.are_tasks_paused and any(
+            number in slot.unchecked_waits or search.is_stuck(Waiting(slot, number))
+            for number in central.dispatcher.lending.waits_of(slot)
+        )
         if can_lend:
-            dispatcher.lend(queued, slot)
+            central.dispatcher.lend(queued, slot)
         return can_lend
     if not central.search_delay:
         return False

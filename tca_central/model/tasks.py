@@ -364,6 +364,7 @@ class Policy(Stored):
     def begin_attempt(self, clock: Clock) -> None:
         """Start the timer of an attempt: a handler has the task."""
         if self.declared.attempt_timeout:
+            clock.cancel(self.timer)  # of a handler that has left
             self.timer = clock.after(self.declared.attempt_timeout, Due.ATTEMPT, self)
 
 

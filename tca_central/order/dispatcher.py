@@ -221,6 +221,8 @@ class Dispatcher(Stored):
         if not delivery.is_task:
             self.bytes += DELIVERY_BYTES + len(delivery.body)
         self._out.deliver(delivery, slot, is_prefetched=is_prefetched)
+        if delivery.is_task:
+            self.lending.add_below(delivery, slot.resource)
 
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
         """Record that a handler has returned at *ended*.
@@ -247,21 +249,23 @@ class Dispatcher(Stored):
             seconds = ended - delivery.since
             resource.busy += seconds
             record_run(resource, took or seconds)
-            self.to_refill.append((resource, slot))
+            if not (slot.handling and self.lending.pass_on(slot)):
+                self.to_refill.append((resource, slot))
 
     def postpone(self, delivery: Delivery, *, frees_slot: bool) -> None:
         """Record that a handler has returned, and replies later.
 
         With *frees_slot*, the delivery no longer counts for the capacity.
         """
-        self.lending.postponed[delivery] = None
+        self.lending.postponed[delivery] = frees_slot
         slot = delivery.slot
         assert slot is not None
         self.lending.to_lend.append(slot)
         if frees_slot and not delivery.nested and slot.resource is not None:
             delivery.nested = True
             slot.resource.busy += self._clock.now - delivery.since
-            self.to_refill.append((slot.resource, slot))
+            if not (slot.handling and self.lending.pass_on(slot)):
+                self.to_refill.append((slot.resource, slot))
 
     def refill_next(self) -> None:
         """Have the first resource of ``to_refill`` admit its next message or claim."""

@@ -28,8 +28,8 @@ class Lending(Stored):
     __slots__ = ("postponed", "to_lend")
 
     def __init__(self) -> None:
-        #: Deliveries whose handlers have returned, and will reply later.
-        self.postponed: dict[Delivery, None] = {}
+        #: By delivery whose handler has returned, and replies later: whether its slot is free.
+        self.postponed: dict[Delivery, bool] = {}
         #: Slots that may have become able to handle a task below one of their deliveries.
         self.to_lend: deque[Connection] = deque()
 
@@ -46,12 +46,27 @@ class Lending(Stored):
                     self.to_lend.append(slot)
                 return
 
+    def add_below(self, begun: Delivery, resource: ModuleResource | None) -> None:
+        """Note the tasks that wait for a resource below a task that one of its slots begins."""
+        if isinstance(begun, Task) and begun.children and resource is not None:
+            for queued in resource.queued():
+                if isinstance(queued, Task) and queued.find_above(begun.id) is not None:
+                    self.add(queued, queued.queues or ())
+
+    def pass_on(self, slot: Connection) -> bool:
+        """Pass a slot on to what is still within a wait that has ended. Return False without one.
+
+        A coroutine, or a handler that replies later, may end before a task within its wait does.
+        """
+        for delivery in reversed(slot.handling):
+            if not self.postponed.get(delivery):
+                delivery.nested = False
+                return True
+        return False
+
     def handler_in(self, slot: Connection) -> Delivery | None:
         """Return the newest delivery of a slot whose handler has not returned; None without one."""
-        for delivery in reversed(slot.handling):
-            if delivery not in self.postponed:
-                return delivery
-        return None
+        return next((one for one in reversed(slot.handling) if one not in self.postponed), None)
 
     def waits_of(self, slot: Connection) -> list[int]:
         """Return the requests whose answers hold back the newest handler of a slot, if any."""
@@ -82,6 +97,8 @@ class Lending(Stored):
                     break
                 if not any(task.find_above(number) is not None for number in awaited):
                     continue
+            if not any(above.slot is slot for above in task.lineage()):
+                continue  # the slot has done with the task's ancestor
             if found is None or rank(task) < rank(found):
                 found = task
         return found

@@ -4,7 +4,16 @@ from collections.abc import Iterator
 
 from tca_tools.check.missions import check_recovered
 from tca_tools.check.records import Hold, MessageRecord
-from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, QUEUED, RECOVERED, RESOLVED, SUSPENDED
+from tca_tools.check.rules import (
+    CAUGHT,
+    HANDLER,
+    KILLED,
+    QUEUED,
+    RECOVERED,
+    REPLACED,
+    RESOLVED,
+    SUSPENDED,
+)
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
@@ -65,7 +74,11 @@ def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None
     if fact.attachment:
         _pop_search(world, task, f"was caught by {handler}")
     else:  # the fallback of a retry policy has resolved the failure, unless it fails
-        task.is_retry_due, handler.has_resolved = False, True
+        if handler.message != task.fallback and not task.is_incomplete:
+            due = f"its policy's fallback is {task.fallback}" if task.fallback else "none was due"
+            world.report(REPLACED, task, f"was replaced by {handler}, but {due}")
+        task.is_retry_due, task.fallback = False, ""
+        handler.is_fallback = handler.has_resolved = True
     if not fact.is_beside:
         task.deciding = handler.id
     task.recovering = (*task.recovering, handler.id)
@@ -311,7 +324,7 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
     if item.is_killed:
         world.report(KILLED, item, "was retried after it was killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
-    item.has_resolved = False
+    item.has_resolved, item.fallback = item.is_fallback, fact.fallback
     item.attempts += item.is_begun
     for child in item.children.values():  # its exception handlers no longer decide
         child.is_void = child.is_void or child.role is Role.EXCEPTION

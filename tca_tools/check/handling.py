@@ -70,10 +70,9 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     item.is_within_wait = fact.is_nested
     _check_destination(world, item, place)
     is_nested = _is_from_inside(item, place) or fact.is_nested
-    is_alone = not (_is_from_inside(item, place) or place.running or place.nested)
-    if is_nested and is_alone and world.is_whole:
-        what = f"was given to {place_in_words(place)} within a wait, but no handler was there"
-        world.report(rules.CAPACITY, item, what)
+    if world.is_whole and not _is_from_inside(item, place):
+        _check_slot(world, item, place, fact)
+    item.slot = fact.slot
     (place.nested if is_nested else place.running)[item.handling_id] = item
     lives.handler_changed(world, item, place.module)
     item.place, item.is_begun = place, True
@@ -84,6 +83,22 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
             check_fired(world, item, START_HANDLING)
         what = "was given to a handler, but did not start"
         world.expect(lambda: item.reached & START_HANDLING, rules.ONE_HANDLER, item, what)
+
+
+def _check_slot(
+    world: JournalWorld, item: MessageRecord, place: ResourceRecord, fact: facts.Delivered
+) -> None:
+    """Check that a slot has one message, except within a wait."""
+    where = f"slot {fact.slot} of {place_in_words(place)}"
+    inside = [
+        one for one in (*place.running.values(), *place.nested.values()) if one.slot == fact.slot
+    ]
+    if fact.is_nested and not inside:
+        what = f"was given to {where} within a wait, but no handler was there"
+        world.report(rules.CAPACITY, item, what)
+    others = [one for one in inside if not _is_from_inside(one, place)]
+    if others and fact.slot and not fact.is_nested:
+        world.report(rules.CAPACITY, item, f"was given to {where}, which has {others[-1]}")
 
 
 def _check_may_start(world: JournalWorld, item: MessageRecord, what: str) -> None:
@@ -106,6 +121,8 @@ def _check_task_may_start(world: JournalWorld, item: MessageRecord, what: str) -
         return
     if item.is_suspended and not item.is_orphan:
         world.report(rules.SUSPENDED, item, f"{what} while it was suspended")
+    if item.fallback:
+        world.report(rules.REPLACED, item, f"{what}, but {item.fallback} was to replace it")
     if item.has_returned or item.deciding:
         world.report(rules.RETURNED, item, f"{what}, but had been handled before")
     if missing := not_met(item, START_HANDLING):
@@ -163,6 +180,7 @@ def postponed(world: JournalWorld, item: MessageRecord, fact: facts.Postponed) -
     place = item.place
     if place is not None and fact.frees_slot:
         place.running.pop(item.handling_id, None)
+        place.nested.pop(item.handling_id, None)
         place.postponed[item.handling_id] = item
         world.places_touched[place] = None
 
@@ -181,6 +199,7 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
         what = "was failed by its handler, but no failure was raised"
         world.expect(lambda: not item.must_fail, rules.CAUGHT, item, what)
     elif item.is_task:
+        lives.returned(world, item, fact)
         item.has_returned = item.is_killed or not item.is_retry_due
         check_status(world, item, fact)
     else:

@@ -32,7 +32,22 @@ def ended(world: JournalWorld, task: MessageRecord) -> None:
     """Set the final state of a task."""
     if not task.message_class.is_monitor:
         outcome = Outcome.KILLED if task.is_killed else Outcome.DONE
-        task.state = _cycle(world, task).end(task.state, outcome).target
+        task.state = _cycle(world, task).end(task.state, outcome, task.chosen_end).target
+
+
+def returned(world: JournalWorld, task: MessageRecord, fact: facts.Returned) -> None:
+    """Check the transition by which a handler has completed a task."""
+    cycle, task.chosen_end = _cycle(world, task), fact.transition
+    is_known = world.is_whole and task.serial != UNKNOWN and not task.is_incomplete
+    is_ended_otherwise = task.is_killed or task.is_retry_due or task.message_class.is_monitor
+    if is_ended_otherwise or not is_known or (cycle == GENERAL and not fact.transition):
+        return
+    if cycle.completion([task.state, *task.overtaken], fact.transition) is None:
+        how = f" by '{fact.transition}'" if fact.transition else ""
+        what = (
+            f"was {task.state} when its handler completed it{how}: {cycle} has no such transition"
+        )
+        world.report(LIFE, task, what)
 
 
 def handler_changed(world: JournalWorld, task: MessageRecord, module: str = "") -> None:

@@ -100,6 +100,7 @@ class MessageRecord(MessageView):
     waits_at: ResourceRecord | None = None
     """The resource in whose queue it is; a resource without a name if it waits for a handler."""
     place: ResourceRecord | None = None  #: the resource whose handler has it
+    slot: int = 0  #: the slot of the resource that has, or had, it
     begun_in: int = -1  #: the event in which it started
     is_new: bool = True
     is_begun: bool = False
@@ -118,6 +119,9 @@ class MessageRecord(MessageView):
     is_dropped: bool = False
     has_returned: bool = False  #: its handler has returned for the last time
     is_retry_due: bool = False
+    chosen_end: str = ""  #: the transition by which its handler has completed it
+    is_fallback: bool = False  #: it replaces a task, whose failure it resolves
+    fallback: str = ""  #: the message that is to replace its next handling
     attempts: int = 1
     #: The claims that its handler made.
     claims: dict[int, facts.Claimed] = field(default_factory=dict)

@@ -131,6 +131,9 @@ HANDLER = _from_manual(
     "an exception handler is called where it is attached, as often as it may be",
     "exception handlers",
 )
+REPLACED = Rule(
+    "the fallback of a retry policy replaces its task, and nothing else does", "decision 115"
+)
 RECOVERED = Rule(
     "a failed task continues when its exception handler has dealt with the failure",
     "TCM 2.10: exceptions, DoneHandling",

@@ -3,7 +3,7 @@
 from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from properties.life import MODULES, Life, Operations, operations
+from properties.life import LENDING_OPERATIONS, MODULES, Life, Operations, operations
 from sampling import lives
 
 from tca_central.model.intervals import unified
@@ -15,6 +15,12 @@ from tca_wire.packets import headers
 from tca_wire.points import ROOT, STARTS, Moment, TaskId, start_of
 
 
+class LendingLife(Life):
+    """A life in which handlers also wait for tasks of their own resource, and reply later."""
+
+    operations = LENDING_OPERATIONS
+
+
 @given(operations)
 @settings(max_examples=lives(30, soak=4_000))
 def test_invariants_hold_and_everything_ends_in_short_lives(taken: Operations) -> None:
@@ -24,7 +30,7 @@ def test_invariants_hold_and_everything_ends_in_short_lives(taken: Operations) -
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(1, soak=8))
 def test_invariants_hold_and_everything_ends_in_long_lives(seed: int) -> None:
-    life = Life()
+    life = LendingLife()
     life.go_on(seed, lives(600, soak=10_000))
     end_life(life)
 

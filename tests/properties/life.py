@@ -81,7 +81,9 @@ OPERATIONS = (
         "fetch",
     ]
 )
-operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
+LENDING_OPERATIONS = [*OPERATIONS, "postpone", "block", "block", "block"]
+"""Also those by which slots are lent. Lives by a seed of an example keep their operations."""
+operation = st.tuples(st.sampled_from(LENDING_OPERATIONS), small, small, small, small)
 operations = st.lists(operation, max_size=lives(60, soak=200))
 Operations = list[tuple[str, int, int, int, int]]
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
@@ -274,6 +276,44 @@ class Life:
                 b % 4 == 3 or (b % 4 > 0 and delivery.role is Role.EXCEPTION),
             )
             self.player.fail(name, failure, delivery.handling_id, kinds=kinds, reissue=is_reissue)
+
+    def postpone_(self, a: int, b: int, *_: int) -> None:
+        """Let a handler return, and reply later. Its slot may be free."""
+        running = list(self.central.dispatcher.running.values())
+        if running:
+            delivery = running[a % len(running)]
+            assert delivery.slot
+            postponed = headers.Postpone(delivery.handling_id, b % 2 == 0)
+            self.player.receive(delivery.slot.id.decode(), postponed)
+
+    def block_(self, a: int, b: int, c: int, d: int) -> None:
+        """Let the handler of a task, or its coroutine, wait for a task: often for a new subtask."""
+        handled = [one for one in self.central.dispatcher.running.values() if isinstance(one, Task)]
+        if not handled:
+            return
+        handler = handled[a % len(handled)]
+        assert handler.slot
+        name, origin = handler.slot.id.decode(), handler.handling_id
+        own = [
+            one
+            for one in handler.slot.module.handlers.values()
+            if one.message.message_class.may_react and one.message.message_class.is_task
+        ]
+        if own and b % 4:
+            message = own[c % len(own)].message.name
+            self.player.send(
+                name, message, under=handler.id, origin=origin, flags=Flags(d % 2), brief=True
+            )
+        tasks = [task.id for task in self.central.tree.tasks.values()]
+        awaited = tasks[-1 if b % 4 else c % len(tasks)] if tasks else handler.id
+        place = point(awaited, list(Moment)[5 if b % 2 else d % 6])
+        kinds = {"blocking": d % 2 == 0, "lends_slot": d % 4 == 1, "brief": d % 8 == 0}
+        self.player.receive(
+            name, headers.AwaitPoint(self.player.number(name), place, origin, **kinds)
+        )
+        if d % 4 == 3:
+            asked = headers.AwaitAny(origin, [self.player.numbers[name]])
+            self.player.receive(name, asked)
 
     def request(self, header: type, *fields: Any, **options: Any) -> None:
         """Send a request of the user."""

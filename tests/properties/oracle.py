@@ -22,7 +22,9 @@ the rules of displacement. No two timers are due at the same time.
     oracle_rules.py     points, constraints, birth and end of tasks.
     oracle_records.py   the records.
     oracle_failures.py  failures, retries, kills, suspension.
+    oracle_policies.py  retry policies.
     oracle_slots.py     resources and their order.
+    oracle_lending.py   slots that are lent.
     oracle_locks.py     locks and reservations.
     oracle_taps.py      wiretaps.
     oracle_monitors.py  monitors.
@@ -36,6 +38,7 @@ from properties import (
     oracle_failures,
     oracle_locks,
     oracle_monitors,
+    oracle_policies,
     oracle_rules,
     oracle_slots,
     oracle_taps,
@@ -50,6 +53,7 @@ from properties.oracle_records import (
     Job,
     Node,
     Seen,
+    Wait,
     World,
 )
 
@@ -84,6 +88,7 @@ class Oracle:
         seen = world.seen = Seen(effects)
         world.time = max(world.time, event.time)
         world.step += 1
+        world.retried = []
         oracle_rules.pass_time(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
@@ -120,6 +125,8 @@ class Oracle:
             raise Disagreement(
                 f"central sent or delivered more: {world.seen.made} {world.seen.given}"
             )
+        if world.retried != seen.retried:
+            raise Disagreement(f"policies retry {world.retried}; central says {seen.retried}")
         self._compare_queues(seen)
         self._compare_waits(seen)
         self._compare_claims(seen)
@@ -143,7 +150,8 @@ class Oracle:
             for name, header in seen.transmitted
             if isinstance(header, headers.Answer)
         }
-        for key, (node, moment) in list(world.waits.items()):
+        for key, wait in list(world.waits.items()):
+            node, moment = wait.node, wait.moment
             if (moment in node.past) != (key in answered):
                 raise Disagreement(
                     f"{key} waits for {moment} of {node.id}: answered {key in answered}"
@@ -283,6 +291,8 @@ class Oracle:
             priority=header.priority,
             run=world.ended_runs[module],
         )
+        if header.retry is not None:
+            node.policy = oracle_policies.Policy(header.retry)
         if kind.is_monitor:
             oracle_monitors.init_watch(node, header.watch)
             node.is_foreign = oracle_monitors.is_foreign(
@@ -325,7 +335,7 @@ class Oracle:
         (job,) = (
             job for job in self.world.everything() if job.slot and job.handling_id == handling_id
         )
-        job.slot, job.nested = "", False
+        oracle_slots.leave_slot(job)
         return job
 
     def replies(self, connection: str, header: headers.Replies, body: bytes) -> None:
@@ -350,6 +360,15 @@ class Oracle:
         else:
             job.returned = True
             oracle_locks.raise_lock_lost(self.world, job)
+
+    def postpone(self, _: str, header: headers.Postpone, _body: bytes) -> None:
+        (job,) = (
+            job
+            for job in self.world.everything()
+            if job.slot and job.handling_id == header.delivery
+        )
+        if not job.is_postponed:
+            job.is_postponed, job.frees_slot = True, header.frees_slot
 
     def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
         job = self._returned(header.delivery)
@@ -376,7 +395,19 @@ class Oracle:
     def wait_for(self, connection: str, header: headers.AwaitPoint, _: bytes) -> None:
         node = self.world.nodes.get(header.point.task)
         if node is not None:
-            self.world.waits[connection, header.number] = (node, Moment(header.point.moment))
+            wait = Wait(node, Moment(header.point.moment), header.origin)
+            wait.holds_back = header.origin if header.blocking or header.lends_slot else 0
+            self.world.waits[connection, header.number] = wait
+
+    def await_(self, connection: str, header: headers.Await, _: bytes) -> None:
+        wait = self.world.waits.get((connection, header.request))
+        if wait is not None and header.blocking and not header.others and header.seen >= 0:
+            wait.holds_back = wait.origin
+
+    def await_any(self, connection: str, header: headers.AwaitAny, _: bytes) -> None:
+        (request,) = header.requests  # the lives wait for one
+        if (wait := self.world.waits.get((connection, request))) is not None:
+            wait.holds_back = header.delivery
 
     def give_up(self, connection: str, header: headers.GiveUp, _: bytes) -> None:
         oracle_slots.give_up(self.world, connection, header.request)
@@ -501,6 +532,9 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Fail: Oracle.fail,
     headers.Constrain: Oracle.constrain,
     headers.AwaitPoint: Oracle.wait_for,
+    headers.Await: Oracle.await_,
+    headers.AwaitAny: Oracle.await_any,
+    headers.Postpone: Oracle.postpone,
     headers.GiveUp: Oracle.give_up,
     headers.Kill: Oracle.kill,
     headers.Attach: Oracle.attach,

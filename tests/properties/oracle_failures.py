@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from properties import oracle_locks, oracle_monitors, oracle_rules, oracle_taps
+from properties import oracle_locks, oracle_monitors, oracle_policies, oracle_rules, oracle_taps
 from properties.oracle_records import SH, STARTS, Attachment, Ending, Node, Trouble, World
 
 from tca_wire.journal import facts
@@ -61,6 +61,8 @@ def _clean_up_after_kill(world: World, node: Node) -> None:
         for message in node.termination_messages:
             oracle_rules.make(world, message, Role.TERMINATION, node, node)
     oracle_monitors.stop(world, node)
+    if node.recovering is not None and oracle_policies.is_fallback(node.recovering):
+        kill(world, node.recovering)
     for listener in node.listeners:
         if listener.id in world.nodes:
             kill(world, listener)
@@ -109,7 +111,7 @@ def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> N
         retry(world, node)
     elif (handler := _search(world, node, names)) is not None:
         node.recovering = handler
-    else:
+    elif not node.again:  # its retry policy does not deal with it
         node.returned = True
 
 
@@ -121,13 +123,19 @@ def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
 def _search(
     world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None
 ) -> Node | None:
-    """Call the next matching exception handler, and return it. Without one, kill the top-level
-    task, or skip the exception handler in which the failure happened; then return None.
+    """Call the next matching exception handler, and return it. If a retry policy comes first, apply
+    it. Without either, kill the top-level task, or skip the exception handler in which the failure
+    happened. In all these cases return None.
     """
     around = _nearest_exception_handler(node)
     known = around.failing if around else after
     passed = known.passed if known else set()
     for at, attachment in _candidates(world, node, after):
+        if attachment is None:
+            if oracle_policies.deals_with(world, at, node, names):
+                oracle_policies.apply(world, at, node, names)
+                return None
+            continue
         fits = attachment.failure in ("", *names) and world.handlers.get(attachment.handler)
         exhausted = attachment.maximum and at.calls.get(attachment.id, 0) >= attachment.maximum
         nested = sum(
@@ -142,7 +150,8 @@ def _search(
     lineage = node.lineage()
     outer = around.failing.node.lineage() if around and around.failing else []
     is_left_behind = any(one.again and one.asking.isdisjoint(lineage) for one in outer)
-    if around and (is_left_behind or set(names) & UNINTENDED_FAILURES):
+    has_not_decided = is_left_behind or set(names) & UNINTENDED_FAILURES
+    if around and (has_not_decided or oracle_policies.is_fallback(around)):
         _skip(world, around)
         return None
     kill(world, lineage[-1])
@@ -195,15 +204,16 @@ def stranded(world: World) -> set[Node]:
 
 def _candidates(
     world: World, node: Node, after: Trouble | None
-) -> Iterator[tuple[Node, Attachment]]:
-    """Walk from the failing task up to the root. At each task, yield its own attachments, then
-    those of its message, newest first. With *after*, yield only the attachments after the one of
-    *after*.
+) -> Iterator[tuple[Node, Attachment | None]]:
+    """Walk from the failing task up to the root. At each task, yield None for its retry policy,
+    then its own attachments, then those of its message, newest first. With *after*, yield only what
+    comes after the attachment of *after*.
     """
     for at in [*node.lineage(), world.root]:
         own = sorted(at.attached, key=lambda one: -one.id)
         of_message = sorted(world.attached.get(at.message, []), key=lambda one: -one.id)
         if after is None:
+            yield at, None
             yield from ((at, one) for one in [*own, *of_message])
         elif at is after.at:
             is_own = after.is_own
@@ -229,11 +239,12 @@ def _continue_search(world: World, handler: Node) -> None:
     node = trouble.node
     if node.killed:
         return
-    decides = node.recovering is handler
+    if decides := node.recovering is handler:
+        node.recovering = None
     following = _search(world, node, trouble.names, trouble)
     if decides:
         node.recovering = following
-        node.returned |= following is None
+        node.returned |= following is None and not node.again
 
 
 def handler_ended(world: World, handler: Node) -> None:
@@ -269,12 +280,20 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     """Carry out a requested retry. The task's descendants end first, except foreign monitors. A
     task that has not started only fires its *before* taps again.
     """
-    node.resolved = False
     at_work = [one for one in world.everything() if one.slot == connection]
     found = max(at_work, key=lambda one: one.turn, default=None)
     asking = found if isinstance(found, Node) and found.role is Role.EXCEPTION else None
     if asking is not None:
         asking.resolved = True
+    retry_task(world, node, asking)
+
+
+def retry_task(world: World, node: Node, asking: Node | None) -> None:
+    """Let a task be handled again, on request of an exception handler, or by another cause."""
+    node.resolved = False
+    oracle_policies.end_attempt(world, node)
+    if node.policy is not None:
+        node.policy.replaced = ()
     for child in world.children(node):
         child.void |= child.role is Role.EXCEPTION
     if SH not in node.past:
@@ -287,3 +306,5 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     if asking is not None:
         node.asking.add(asking)
     retry(world, node)
+    if node.kind.is_monitor:  # it does not start again if all else under its parent has ended
+        oracle_monitors.end_due_monitors(world)

@@ -10,7 +10,7 @@ from tca_wire.journal.causes import TimeOver
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Condition, MessageClass, Refusal, Role
 
 SH, EH, SP, EP, SA, EA = tuple(Moment)
 STARTS = {SH, SP, SA}
@@ -46,7 +46,10 @@ class Job:
     arrival: tuple[int, int] | None = None  # first start of its wait; None after it lost its place
     slot: str = ""  # the handling connection
     handling_id: int = 0
-    nested: bool = False  # handled by its own sender's slot, beyond the capacity
+    nested: bool = False  # handled within the wait of its slot's handler
+    host: "Job | None" = None  # if nested: the message whose handler waits meanwhile
+    is_postponed: bool = False  # its handler has returned, and replies later
+    frees_slot: bool = False  # its slot handles any message until then
     turn: int = 0  # its rank among all deliveries
     origin: int = 0  # the delivery whose handler sent it
     about: "Job | None" = None  # its cause, if central made it
@@ -72,7 +75,7 @@ class Node(Job):
     void: bool = False  # of an exception handler: its end decides nothing more
     resolved: bool = False  # of an exception handler: it has resolved its failure
     attached: list["Attachment"] = field(default_factory=list)
-    calls: dict[int, int] = field(default_factory=dict)  # number of calls, by attachment
+    calls: dict[float, int] = field(default_factory=dict)  # number of calls, by attachment
     termination_messages: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # *before* taps that have fired
@@ -83,6 +86,8 @@ class Node(Job):
     watches_over: bool = False  # a background monitor
     is_foreign: bool = False  # a monitor not caused by its parent's handling
     asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
+    policy: Any = None  # its retry policy
+    noted_at: str = ""  # the slot that may handle it within a wait
 
     @property
     def is_goal(self) -> bool:
@@ -110,6 +115,16 @@ class Node(Job):
             found.append(node)
             node = node.parent
         return found
+
+
+@dataclass(eq=False)
+class Wait:
+    """The wait of a connection for a point of a task."""
+
+    node: Node
+    moment: Moment
+    origin: int = 0  # the delivery whose handler sent the request
+    holds_back: int = 0  # the delivery whose handler does nothing else meanwhile
 
 
 @dataclass(eq=False)
@@ -145,7 +160,7 @@ class Pair:
 @dataclass(eq=False)
 class Alarm:
     """A timer of a task: its deadline, its delayed kill, a monitor's end or (*is_test*) a monitor's
-    next test.
+    next test, the end of a pause before a retry, or of the time of an attempt.
     """
 
     due: float
@@ -155,6 +170,8 @@ class Alarm:
     ending: "Ending | None" = None
     watch: Any = None
     is_test: bool = False
+    is_pause: bool = False
+    is_attempt: bool = False
 
 
 @dataclass(eq=False)
@@ -169,7 +186,7 @@ class Ending:
 
 @dataclass(eq=False)
 class Attachment:
-    id: int
+    id: float
     failure: str
     handler: str
     maximum: int
@@ -259,6 +276,16 @@ class Seen:
             for name, header in self.transmitted
             if isinstance(header, headers.Refused)
         ]
+        self.refused_retries = [
+            fact
+            for fact in self.facts
+            if isinstance(fact, facts.RequestRefused) and fact.sender == CENTRAL
+        ]
+        self.retried = [
+            (int(fact.task), fact.fallback)
+            for fact in self.facts
+            if isinstance(fact, facts.Retried) and fact.by == CENTRAL
+        ]
         self.deadlocked = [
             (name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK
         ]
@@ -270,8 +297,19 @@ class Seen:
     @property
     def is_refused(self) -> bool:
         return any(
-            isinstance(fact, facts.RequestRefused) and not is_deadlock(fact) for fact in self.facts
+            isinstance(fact, facts.RequestRefused)
+            and fact.sender != CENTRAL
+            and not is_deadlock(fact)
+            for fact in self.facts
         )
+
+    def take_refused_retry(self, task: int) -> bool:
+        """Take central's refusal of a retry of its own, which would wait for itself."""
+        found = self.refused_retries[:1]
+        if found and found[0].text.startswith(f"task {task} "):
+            del self.refused_retries[0]
+            return True
+        return False
 
     def is_accepted_as(self, number: int) -> bool:
         return any(
@@ -344,13 +382,14 @@ class World:
         self.endings: list[Ending] = []
         self.attached: dict[str, list[Attachment]] = {}  # by message, newest last
         self.taps: dict[str, list[Tap]] = {}  # by message
-        self.waits: dict[tuple[str, int], tuple[Node, Moment]] = {}
+        self.waits: dict[tuple[str, int], Wait] = {}
         self.collectors: list[Collector] = []
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
         self.killed_tasks: set[int] = set()  # the killed ones of *ended*
         self.never_began: set[tuple[int, Moment]] = set()  # unreached starts of killed tasks
         self.spared: set[Node] = set()  # unhandled exception handlers, not skipped yet
+        self.retried: list[tuple[int, str]] = []  # by policies in this event, with the fallback
         self.has_sent = False  # a wiretap has sent something since the last look
         self.seen = Seen([])
 

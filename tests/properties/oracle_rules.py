@@ -9,7 +9,14 @@ task waits only for handlers that still run in it or below it.
 from collections.abc import Callable
 from typing import Any
 
-from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
+from properties import (
+    oracle_failures,
+    oracle_lending,
+    oracle_locks,
+    oracle_monitors,
+    oracle_policies,
+    oracle_taps,
+)
 from properties.oracle_records import (
     EA,
     EH,
@@ -231,11 +238,15 @@ def pass_time(world: World, settle: Callable[[], None]) -> None:
                 oracle_failures.kill_scope(world, alarm.ending)
             elif alarm.watch is not None:
                 oracle_monitors.on_alarm(world, alarm)
+            elif alarm.is_attempt and not alarm.node.killed:
+                oracle_failures.raise_beside(world, alarm.node, ("timeout",))
             elif (
                 alarm.moment is not None
                 and not alarm.node.killed
                 and alarm.moment not in alarm.node.past
             ):
+                if alarm.node.policy is not None:
+                    alarm.node.policy.is_late = True
                 oracle_failures.raise_beside(world, alarm.node, ("timeout",))
         oracle_locks.time_out(world)
         settle()
@@ -310,7 +321,7 @@ def _is_ready(
         or not all(child.is_foreign for child in children)
     ):
         return False
-    if is_checked(node):
+    if is_checked(node) or oracle_policies.is_paused(world, node):
         return False
     firsts = [SP, SA] if node.delayed else [node.first]
     return all(_may_reach(node, moment, held, children) for moment in firsts)
@@ -336,13 +347,20 @@ def _consider_start(
         return True
     if node.waiting:
         return False
-    node.waiting = True
     world.spared.discard(node)  # the task has been queued again
     if node.again:
-        node.again, node.recovering, node.handling_id = False, None, 0
+        node.again = False
         oracle_locks.end_for(world, node)
+        if oracle_policies.send_fallback(world, node):
+            node.wanted = False
+            return True
+        node.recovering, node.handling_id = None, 0
+        if node.policy is not None:
+            node.policy.attempts += 1
+    node.waiting = True
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since
+    oracle_lending.note(world, node)
     return True
 
 
@@ -353,6 +371,7 @@ def start_moments(node: Node) -> set[Moment]:
 
 def started(world: World, node: Node) -> None:
     """Reach the first moments of a task that is delivered."""
+    oracle_policies.begin_attempt(world, node)
     if SH not in node.past:
         reach(world, node, start_moments(node) - node.past)
 

@@ -2,7 +2,9 @@
 priority; among equals, it has waited longest. Claims wait in the same line.
 """
 
-from properties import oracle_failures, oracle_locks, oracle_rules, oracle_taps
+from collections.abc import Iterator
+
+from properties import oracle_failures, oracle_lending, oracle_locks, oracle_rules, oracle_taps
 from properties.oracle_records import Claim, Collector, Disagreement, Job, Node, World
 
 from tca_wire.journal import facts
@@ -30,12 +32,19 @@ def targets(world: World, job: Job) -> list[Resource]:
 
 def free_slots(world: World) -> dict[Resource, set[str]]:
     """Return the free slots of each resource."""
-    busy = {job.slot for job in world.everything() if job.slot and not job.nested}
+    busy = {job.slot for job in world.everything() if job.slot and _occupies(job)}
     free: dict[Resource, set[str]] = {}
     for slot, resource in world.slots.items():
         if slot not in busy:
             free.setdefault(resource, set()).add(slot)
     return free
+
+
+def _occupies(job: Job) -> bool:
+    """Whether a message occupies its slot. A nested one does when what it is nested in has gone."""
+    host = job.host
+    is_inside = job.nested and (host is None or (host.slot == job.slot and not host.frees_slot))
+    return not (job.frees_slot or is_inside)
 
 
 def give(world: World) -> bool:
@@ -119,13 +128,28 @@ def _choices(world: World) -> Choices:
                 choices[one] = {}
             elif not isinstance(one, Claim) and resource in free:
                 choices.setdefault(one, {}).update(dict.fromkeys(free[resource], False))
-    return choices | _nested_queries(world, choices, waiting)
+    for one, slots in [*_nested_queries(world, choices, waiting), *_lent(world)]:
+        choices[one] = slots | choices.get(one, {})
+    return choices
+
+
+def _lent(world: World) -> Iterator[tuple[Job | Claim, dict[str, bool]]]:
+    """Yield the tasks that a slot handles next within the wait of its handler, each with it."""
+    for slot, rivals in oracle_lending.lent_at_once(world):
+        for one in rivals:
+            if not any(_is_before(other, one) for other in rivals):
+                yield one, {slot: True}
+    fact, slot = world.seen.given[0] if world.seen.given else (None, "")
+    if isinstance(fact, facts.Delivered) and fact.is_nested:  # central has looked for deadlocks
+        node = world.nodes.get(fact.message_id)
+        if node is not None and node.waiting and oracle_lending.may_be_lent_for(world, node, slot):
+            yield node, {slot: True}
 
 
 def _nested_queries(
     world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]
-) -> Choices:
-    """Return the queries that their own sender's slot may handle, each with its slots.
+) -> list[tuple[Job | Claim, dict[str, bool]]]:
+    """Return the queries that their own sender's slot may handle, each with this slot.
 
     A slot waits for the answer to its query, and may itself handle the query. Its resource must not
     be locked, and no other slot may be free. A query of an earlier event may go to a free slot as
@@ -134,12 +158,12 @@ def _nested_queries(
     asked = [
         job for job, ours in waiting if job.kind.has_reply and world.slots.get(job.sender) in ours
     ]
-    return {
-        job: {job.sender: True} | choices.get(job, {})
+    return [
+        (job, {job.sender: True})
         for job in asked
         if (job not in choices or job.since[0] < world.step)
         and not oracle_locks.is_locked(world, world.slots[job.sender])
-    }
+    ]
 
 
 def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
@@ -162,9 +186,12 @@ def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
 def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
     world.turns += 1
     job.nested, job.turn = nested, world.turns
+    inside = [one for one in oracle_lending.in_slot(world, slot) if not one.frees_slot]
+    job.host = inside[-1] if nested and inside else None
     job.slot, job.wanted, job.waiting = slot, False, False
     oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
     if isinstance(job, Node):
+        oracle_lending.note_below(world, job)
         oracle_rules.started(world, job)
 
 
@@ -295,5 +322,10 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
         world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]
     for job in orphans:
-        job.slot, job.nested = "", False
+        leave_slot(job)
     return orphans
+
+
+def leave_slot(job: Job) -> None:
+    """Apply that a slot no longer has a message."""
+    job.slot, job.nested, job.is_postponed, job.frees_slot = "", False, False, False

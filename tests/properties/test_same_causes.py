@@ -236,6 +236,6 @@ def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
 
 
 def test_watched_life_compares_enough_waits() -> None:
-    player = live(2)
+    player = live(1)
     assert player.compared > 100
     assert player.idle_cases > 100

@@ -9,21 +9,27 @@ from tca_tools.check.events import check_event
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import (
+    Caught,
     Claimed,
     Constrained,
     Delivered,
     Entry,
     Fact,
+    Failed,
+    FormatDefined,
     Granted,
+    HandlerAdded,
     Killed,
     Queued,
     Reached,
     Received,
+    Retried,
     Returned,
     SuspendedOrResumed,
     TapAdded,
     TapFired,
 )
+from tca_wire.life_cycles import ROS_GOAL
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Role
 
@@ -74,6 +80,13 @@ INFORM, COMMAND = MessageClass.INFORM, MessageClass.COMMAND
 Events = list[Fact | float]
 CHILD: Events = [born(1), given(1), reached(1, SH, SP), born(2, parent=1)]
 TWO: Events = [born(1), born(2)]
+FAILED: Events = [
+    born(1),
+    given(1),
+    reached(1, SH, SP),
+    Returned(1, Outcome.FAILED, NIL),
+    Failed(1, "slipped", "ice"),
+]
 LOCKED: Events = [Claimed(9, "legs", "legs", False, "planner", 0), Granted(9)]
 RESERVED: Events = [Claimed(9, "legs", "legs", True, "planner", 0), Granted(9)]
 
@@ -134,6 +147,22 @@ BROKEN: dict[str, tuple[Events, rules.Rule]] = {
         [born(1), given(1), ended(1), ended(1)], rules.RETURNED),
     "return of an unknown delivery": (
         [ended(5)], rules.KNOWN),
+    "two messages in one slot": (
+        [born(1), born(2), Delivered(1, 1, "legs", "legs", 1), Delivered(2, 2, "legs", "legs", 1)], rules.CAPACITY),
+    "within a wait of another slot": (
+        [born(1), born(2), Delivered(1, 1, "legs", "legs", 1), Delivered(2, 2, "legs", "legs", 2, is_nested=True)],
+        rules.CAPACITY),
+    "attempt in place of the fallback": (
+        [*FAILED, Retried(TaskId(1), NIL, "central", failed=TaskId(1), fallback="m2"), given(1, delivery=3)], rules.REPLACED),
+    "another message in place of the fallback": (
+        [*FAILED, Retried(TaskId(1), NIL, "central", failed=TaskId(1), fallback="help"),
+         born(2, parent=1, role=Role.EXCEPTION, about=1), Caught(TaskId(1), TaskId(2), TaskId(1), 0)], rules.REPLACED),
+    "end that the life cycle lacks": (
+        [FormatDefined("m1", MessageClass.GOAL, "", "", "legs", ROS_GOAL.text), born(1), given(1), reached(1, SH),
+         Returned(1, Outcome.DONE, NIL, transition="skip")], rules.LIFE),
+    "end in a state without one": (
+        [FormatDefined("m1", MessageClass.GOAL, "", "", "legs", ROS_GOAL.text), HandlerAdded("m1", "legs", "legs", True),
+         born(1), given(1), reached(1, SH), ended(1)], rules.LIFE),
     "return of a queued message": (
         [born(1, kind=INFORM), Queued(1, 1, "legs", "legs"), ended(1)], rules.RETURNED),
 }  # fmt: skip

@@ -391,7 +391,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Resource", "_queue"): lambda walk, resource, _: walk.add(resource.in_line()),
     # The order of nested deliveries is that of the scripts on their line.
     ("Dispatcher", "running"): _Walk.add_unordered,
-    ("Lending", "postponed"): _Walk.add_unordered_keys,
+    ("Lending", "postponed"): _Walk.add_unordered,
     ("Resource", "lendable"): _Walk.add_unordered,
 }
 """By class and attribute: how to write an attribute of which only a part matters, or not the order.
