@@ -290,7 +290,7 @@ def retry_now(world: World, node: Node, connection: str) -> None:
 
 def retry_task(world: World, node: Node, asking: Node | None) -> None:
     """Let a task be handled again, on request of an exception handler, or by another cause."""
-    node.resolved = False
+    node.resolved = oracle_policies.is_fallback(node)
     oracle_policies.end_attempt(world, node)
     if node.policy is not None:
         node.policy.replaced = ()
