@@ -342,7 +342,13 @@ is_good = cache(lambda explored: explored().ok)
 """A function: whether a scenario is good before a rule is broken. Its results are kept."""
 
 
-@pytest.mark.parametrize("mutation", BROKEN, ids=lambda mutation: mutation.__name__)
+@pytest.mark.parametrize(
+    "mutation",
+    [
+        pytest.param(one, marks=[pytest.mark.soak] * (at % 2), id=one.__name__)
+        for at, one in enumerate(BROKEN)
+    ],
+)
 def test_broken_control_rule_is_found(
     monkeypatch: Patch, mutation: Callable[[Patch], None]
 ) -> None:
