@@ -109,7 +109,7 @@ def check_journal(machine: facts.Received, journal_facts: list[Any]) -> None:
 @pytest.mark.parametrize(
     ("last", "status", "text"),
     [
-        ({"fails": "rock"}, Status.FAILED, "Drive 2 has failed: hit a rock"),
+        ({"fails": "rock"}, Status.FAILED, "Drive 2 has failed: rock: hit a rock"),
         (
             {"fails": "never", "task_timeout": 0.02},
             Status.TIMEOUT,
