@@ -187,11 +187,12 @@ def test_unknown_task_or_parameter_is_reported_before_the_start() -> None:
         sm.Drive("home", y=2.0)
     with Sequence("other") as other:
         other.Drive(x=1.0)
-        other.Fly()
+        other.sequnce("Fly")
     with mission_of_rover() as (mission, robot):
         with pytest.raises(BadParameter, match=r"Drive\(\) has no parameter 'y'") as caught:
             sm.run(mission)
         assert caught.value.__notes__ == ["The task belongs to state 'home' of sequence 'typo'."]
-        with pytest.raises(UnknownTask, match="server 'rover' offers no task 'Fly'"):
+        with pytest.raises(UnknownTask, match="server 'rover' offers no task 'seq") as caught2:
             other.run(mission)
+        assert "did you mean 'sequence'?" in caught2.value.__notes__[0]
         assert robot.done == []
