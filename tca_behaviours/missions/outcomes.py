@@ -77,12 +77,15 @@ MISSION_TASK_INITIALISATION_FAILED = Failure(
 )
 """``initialise`` failed; neither ``iterate`` nor ``terminate`` ran."""
 
-_STATUS_OF_FAILURE = {
+STATUS_OF_FAILURE = {
+    MISSION_TASK_FAILED.name: Status.FAILED,
+    "handler error": Status.FAILED,
     MISSION_TASK_TIMEOUT.name: Status.TIMEOUT,
     MISSION_TASK_INITIALISATION_FAILED.name: Status.INITIALISATION_FAILED,
     "timeout": Status.TIMEOUT,
     "bad data": Status.CONFIGURATION_FAILED,
 }
+"""The failures that the status names: the text of an end leaves out their names."""
 
 
 def status_of(failure: str) -> Status:
@@ -94,4 +97,4 @@ def status_of(failure: str) -> Status:
     Returns:
         The Status; FAILED for any other failure than those that have a status of their own.
     """
-    return _STATUS_OF_FAILURE.get(failure, Status.FAILED)
+    return STATUS_OF_FAILURE.get(failure, Status.FAILED)

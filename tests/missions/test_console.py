@@ -82,7 +82,7 @@ def test_console_names_run_tasks_and_print_help() -> None:
         typed.status()
         assert [line.partition("{")[0] + line.partition("}")[2] for line in printed] == [
             "Watch()  runs",
-            "Drive  failed: hit a rock",
+            "Drive  failed: rock: hit a rock",
         ]
         robot.arrived.set()
         typed.help()

@@ -12,9 +12,11 @@ from tca_behaviours.missions import (
     BadParameter,
     ConditionVerified,
     Mission,
+    MissionTaskFailed,
     Status,
     VariableCondition,
 )
+from tca_behaviours.missions.charts import FromData, Sequence, StateMachine
 from tca_module import Variable, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
@@ -69,6 +71,35 @@ def test_dry_run_ends_an_endless_loop(capsys: pytest.CaptureFixture[str]) -> Non
         drive_for_ever(mission)
     assert not ended.value.code
     assert "1,000 calls" in capsys.readouterr().out
+
+
+def test_dry_run_checks_the_states_of_a_machine() -> None:
+    with Sequence("patrol") as sm:
+        sm.Weigh(grams=[1]).keep_end("weight")
+        sm.call(lambda data: setattr(data, "x", data.x if data.weight.text else 0))
+        sm.Drive(x=FromData("x"))
+    with checked_mission() as (_, mission, _):
+        data: dict[str, object] = {"x": 1}
+        assert sm.run(mission, data=data).outcome == "completed"
+        assert "weight" in data
+        with pytest.raises(BadParameter):
+            sm.run(mission, data={"x": 11})
+
+
+def test_dry_run_ends_a_machine_as_it_leads() -> None:
+    with StateMachine("own", outcomes=["found"]) as own:
+        own.Drive().on(completed="found")
+    with StateMachine("late") as late:
+        late.Drive().on(completed="timeout")
+    with StateMachine("endless") as endless:
+        endless.call(lambda _: None, "loop").on(completed="loop")
+    with checked_mission() as (_, mission, _):
+        assert own.run(mission).outcome == "found"
+        with pytest.raises(MissionTaskFailed) as caught:
+            late.run(mission)
+        assert caught.value.status == Status.TIMEOUT | Status.TERMINATED
+        with pytest.raises(SystemExit):
+            endless.run(mission)
 
 
 def test_dry_run_verifies_conditions_after_some_calls() -> None:

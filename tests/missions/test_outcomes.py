@@ -130,7 +130,7 @@ def slip(_: Task) -> None:
 
 @pytest.mark.parametrize(
     ("task", "timeout", "text"),
-    [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: in step \{\d+\}: on ice")],
+    [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: slips: in step \{\d+\}: on ice")],
 )
 def test_task_fails_at_timeout_or_with_its_subtask(task: str, timeout: float, text: str) -> None:
     with (

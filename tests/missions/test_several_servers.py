@@ -231,6 +231,20 @@ def test_variable_without_a_value_verifies_nothing() -> None:
             mission.Drive(fails="never", task_timeout=0.1)
 
 
+def test_error_of_a_condition_names_the_condition() -> None:
+    class Broken:
+        __str__ = lambda _: "battery low"  # noqa: E731
+
+        def is_verified(self) -> bool:
+            raise ZeroDivisionError
+
+    with mission_of_rover() as (mission, _):
+        mission.add_condition(Broken())
+        with pytest.raises(ZeroDivisionError) as caught:
+            mission.Drive(x=1.0)
+        assert "'battery low'" in caught.value.__notes__[0]
+
+
 def test_condition_of_a_variable_needs_a_mission() -> None:
     with pytest.raises(MisuseError, match=r"call add_condition\(\) first"):
         VariableCondition(LEVEL, bool).is_verified()

@@ -86,7 +86,8 @@ class StateMachine(BlockMachine[MachineState]):
         check(self, LABEL, task=task)
         for value in ([] if isinstance(label, str) else [label]) + list(more):
             raise MisuseError(
-                f"the label of a state is text, not {value!r:.60}; parameters are given by name"
+                f"sm.{task}() adds a state of task '{task}': give it a label and parameters by "
+                f"name, not {value!r:.60}; sm.call(function) adds a Python function"
             )
         check(f"{self!r}: {task}", TEXT, server=server)
         state = self._new(StateKind.TASK, label, task)

@@ -19,9 +19,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, NamedTuple
 
 from tca_behaviours.missions.charts.statechart import Statechart
-from tca_behaviours.missions.charts.states import EndingArrow, MachineState
-from tca_behaviours.missions.charts.user_data import FromData
+from tca_behaviours.missions.charts.states import ENDINGS, EndingArrow, MachineState
+from tca_behaviours.missions.charts.user_data import FromData, log_error
 from tca_behaviours.missions.client.base_mission import BaseMission
+from tca_behaviours.missions.client.errors import BadParameter, MissionTaskFailed, NotOffered
 from tca_behaviours.missions.client.mission import Mission
 from tca_behaviours.missions.client.task_handle import TaskHandle
 from tca_behaviours.missions.outcomes import (
@@ -34,6 +35,7 @@ from tca_behaviours.statecharts.timers import Timers
 from tca_module import CentralLost, Command, MisuseError, Module, Task, TaskKilled, TcaError
 from tca_module.checks import quoted
 from tca_wire.charts import ActiveStates, Ending, MachineChart, StateKind
+from tca_wire.text.nearest import did_you_mean
 
 _PATIENCE = 5.0
 """Seconds that a stopped machine waits for the ends of its tasks."""
@@ -43,6 +45,7 @@ _ENDING_OF_STATUS: dict[Status, Ending] = {
     Status.TIMEOUT: "timeout",
     Status.INTERRUPTED: "interrupted",
 }
+_METHODS = ("call", "concurrence", "epsilon", "machine", "sequence")
 _ENDING_TEXTS = {
     "completed": "has completed",
     "failed": "has failed",
@@ -156,9 +159,12 @@ class MachineRun:
         assert state.function is not None
         try:
             returned = state.function(state.data(self._data))
-        except (MisuseError, CentralLost, TaskKilled):
+        except (CentralLost, TaskKilled):
             raise
-        except Exception as error:  # noqa: BLE001 - an error of the user's function
+        except Exception as error:
+            log_error(f"state {state!r} of {self._root!r}", error)
+            if isinstance(error, MisuseError):
+                raise
             return self._leave(state, "failed", f"{type(error).__name__}: {error}")
         outcome = "completed" if returned is None else returned
         if outcome not in (*state.outcomes, "failed"):
@@ -237,12 +243,26 @@ def run_as_task(
             _open_missions(servers, inner) as others,
         ):
             run = MachineRun(root, inner, publish, data=data, others=others, clock=task.time)
-            end = run.run_to_end()
+            try:
+                end = run.run_to_end()
+            except (MisuseError, BadParameter, NotOffered) as error:
+                raise MISSION_TASK_FAILED(text=str(error)) from None
         endings.append(end.ending)
         return _result(task, end)
 
     with module.running():
         end = mission.finish(mission.start_command(command, chart, chart.name))
+    if not endings:  # in a dry run: each task of the machine completes at once
+
+        def count_call(now: ActiveStates) -> object:  # also ends a loop of Python states
+            return now.running or mission.start_command(command, chart, chart.name)
+
+        with _open_missions(servers, mission) as others:
+            checked = MachineRun(root, mission, count_call, data=data, others=others).run_to_end()
+        if checked.ending in ENDINGS[1:]:
+            status = Status[checked.ending.upper()] | Status.TERMINATED
+            raise MissionTaskFailed(chart.name, TaskEnd(status, checked.event))
+        endings.append(checked.ending)
     return MachineEnd(end.status, end.text, end.overruns, endings[0])
 
 
@@ -275,7 +295,8 @@ def _check_tasks(
                 offering = others.get(state.server, mission)
                 offering.check(state.task, **state.parameters_from(data))
             except TcaError as error:
-                error.add_note(f"The task belongs to state {state!r} of {root!r}.")
+                other = did_you_mean(state.task, _METHODS, " For a state of another kind, ")
+                error.add_note(f"The task belongs to state {state!r} of {root!r}.{other}")
                 raise
 
 

@@ -51,7 +51,7 @@ class _Search:
                 possible = " or ".join(self.endings[state])
                 only = f", only as {possible}" if possible else ""
                 raise UnsoundMachine(
-                    f"{state!r} can't end as {ending}{only}: remove on({ending}=...)"
+                    f"{state!r} can't end as {ending}{only}: rename or remove on({ending}=...)"
                 )
         found: Exits = {}
         for exit_, is_at_once in inner.items():

@@ -16,7 +16,10 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_behaviours.missions.charts.states import ENDINGS, MachineState
+from tca_behaviours.missions.charts.user_data import log_error
 from tca_behaviours.statecharts.library import LibraryChart
+from tca_behaviours.statecharts.states import name_of
+from tca_module import MisuseError
 from tca_wire.charts import StateKind
 
 Callback = Callable[[MachineState], object]
@@ -140,7 +143,13 @@ class Statechart(LibraryChart[MachineState]):
             assert concurrence.policy is not None
             ended, branches = self._ended[concurrence], concurrence.children
             ended[branch.label], self._causes[branch] = ending, self.cause
-            decided = concurrence.policy.ending(ended, len(branches))
+            try:
+                decided = concurrence.policy.ending(ended, len(branches))
+            except Exception as error:  # noqa: BLE001 - an error of the user's function
+                until = concurrence.policy.until
+                what = f"until={until and name_of(until)} of {concurrence!r}"
+                log_error(what, error)
+                raise MisuseError(f"{what} raised {type(error).__name__}: {error}") from None
             self._decided[concurrence] = decided
             first = next((label for label in ended if ended[label] == decided), "")
             if decided != "completed" and first:

@@ -5,9 +5,11 @@ from typing import Any, Never, TypeVar
 
 from tca_module import MisuseError
 from tca_module.checks import LABEL, check, list_of
+from tca_module.log import log_of
 
 F = TypeVar("F", bound="Callable[[UserData], str | None]")
 
+_PACKAGE = "tca_behaviours."
 OUTCOMES = list_of('a list of names, such as ["found", "lost"]', LABEL)
 
 
@@ -46,10 +48,22 @@ class UserData:
     def __setattr__(self, name: str, value: Any) -> None:
         self._values[self._key(name)] = value
 
+    def __delattr__(self, name: str) -> None:
+        getattr(self, name)  # raises UnknownUserData
+        del self._values[self._key(name)]
+
     def _key(self, name: str) -> str:
         for names in self._names:
             name = names.get(name, name)
         return name
+
+
+def log_error(what: str, error: Exception) -> None:
+    """Log an error of a user's function, with the part of the traceback below this package."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_frame.f_globals["__name__"].startswith(_PACKAGE):
+        trace = trace.tb_next
+    log_of("machine").warning("%s raised an error", what, exc_info=error.with_traceback(trace))
 
 
 class FromData:

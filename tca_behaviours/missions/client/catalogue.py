@@ -49,7 +49,7 @@ class Catalogue:
         if (task := self.tasks.get(name)) is not None:
             return task
         if not self._known:
-            raise NotOffered(f"server '{self.server}' has left: start it again")
+            raise NotOffered(f"server '{self.server}' offers no task now: start it, or wait for it")
         known = nearest_or_all(name, self._known, "it offers")
         raise UnknownTask(f"server '{self.server}' offers no task '{name}': {known}")
 

@@ -235,7 +235,7 @@ class ActiveConditions:
     def check(self) -> bool:
         """Check whether a condition is verified, or its task has failed."""
         try:
-            verified = [condition for condition in self._conditions if condition.is_verified()]
+            verified = list(filter(_is_verified, self._conditions))
             self._interruption = ConditionVerified(verified) if verified else None
         except MissionTaskFailed as failed:
             self._interruption = failed
@@ -247,6 +247,14 @@ class ActiveConditions:
             self.check()
         interruption, self._interruption = self._interruption, None
         return interruption
+
+
+def _is_verified(condition: MissionCondition) -> bool:
+    try:
+        return condition.is_verified()
+    except Exception as error:
+        error.add_note(f"The error comes from the condition '{condition}' of the mission.")
+        raise
 
 
 def tasks_of(condition: MissionCondition) -> list[TaskHandle]:

@@ -178,7 +178,8 @@ class MissionGoal:
             return
         info = self._top.info()
         if info is None or info.killed:
-            raise TaskKilled(str(self._top), info.killed if info is not None else "see the journal")
+            lost = "it has ended, perhaps as its process was silent too long: see the journal"
+            raise TaskKilled(str(self._top), info.killed if info is not None else lost)
 
     def close(self, error: BaseException | None, *, waits: bool = True) -> None:
         """End the goal and leave central.

@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import msgspec
 
 from tca_behaviours.missions.client.errors import MissionTaskFailed, describe_end
-from tca_behaviours.missions.outcomes import Status, TaskEnd, status_of
+from tca_behaviours.missions.outcomes import STATUS_OF_FAILURE, Status, TaskEnd, status_of
 from tca_module import BadData, MisuseError, SentTask, TaskFailed, TaskKilled
 
 
@@ -119,9 +119,9 @@ class TaskHandle:
             return TaskEnd(Status.INTERRUPTED | Status.TERMINATED, error.why)
         except TaskFailed as error:
             self.failure = error.failure
-            return TaskEnd(
-                status_of(error.failure) | Status.TERMINATED, error.text.partition("\n")[0]
-            )
+            named = "" if error.failure in STATUS_OF_FAILURE else error.failure
+            text = ": ".join(filter(None, (named, error.text.partition("\n")[0])))
+            return TaskEnd(status_of(error.failure) | Status.TERMINATED, text)
 
 
 def check_handles(*tasks: object, owner: TaskOwner | None = None) -> None:

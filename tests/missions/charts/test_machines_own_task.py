@@ -109,7 +109,7 @@ def check_journal(machine: facts.Received, journal_facts: list[Any]) -> None:
 @pytest.mark.parametrize(
     ("last", "status", "text"),
     [
-        ({"fails": "rock"}, Status.FAILED, "Drive 2 has failed: hit a rock"),
+        ({"fails": "rock"}, Status.FAILED, "Drive 2 has failed: rock: hit a rock"),
         (
             {"fails": "never", "task_timeout": 0.02},
             Status.TIMEOUT,
@@ -187,11 +187,12 @@ def test_unknown_task_or_parameter_is_reported_before_the_start() -> None:
         sm.Drive("home", y=2.0)
     with Sequence("other") as other:
         other.Drive(x=1.0)
-        other.Fly()
+        other.sequnce("Fly")
     with mission_of_rover() as (mission, robot):
         with pytest.raises(BadParameter, match=r"Drive\(\) has no parameter 'y'") as caught:
             sm.run(mission)
         assert caught.value.__notes__ == ["The task belongs to state 'home' of sequence 'typo'."]
-        with pytest.raises(UnknownTask, match="server 'rover' offers no task 'Fly'"):
+        with pytest.raises(UnknownTask, match="server 'rover' offers no task 'seq") as caught2:
             other.run(mission)
+        assert "did you mean 'sequence'?" in caught2.value.__notes__[0]
         assert robot.done == []

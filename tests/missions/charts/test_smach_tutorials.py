@@ -14,6 +14,7 @@ from tca_behaviours.missions.charts import (
     FromData,
     Sequence,
     StateMachine,
+    UnknownUserData,
     UserData,
     state,
 )
@@ -59,7 +60,10 @@ def test_nested_machine_maps_its_outcome() -> None:
 
 
 def add_one(data: UserData) -> None:
-    data.sum = data.number + 1
+    data.sum = data.used = data.number + 1
+    del data.used
+    with pytest.raises(UnknownUserData):
+        del data.used
 
 
 def test_user_data_pass_under_other_names() -> None:
@@ -140,7 +144,7 @@ def divide(_: UserData) -> None:
     raise ZeroDivisionError
 
 
-def test_error_in_a_python_state_is_its_failure() -> None:
+def test_error_in_a_python_state_is_its_failure(caplog: pytest.LogCaptureFixture) -> None:
     with Sequence("broken") as sm:
         sm.call(divide, "FOO").on(failed="BAR")
         sm.call(lambda data: data.missing, "BAR")
@@ -149,6 +153,27 @@ def test_error_in_a_python_state_is_its_failure() -> None:
         pytest.raises(MissionTaskFailed, match="user data 'missing', which are not set"),
     ):
         sm.run(mission)
+    foo, bar = caplog.records
+    assert "'FOO'" in foo.message
+    assert "'BAR'" in bar.message
+    assert "ZeroDivisionError" in caplog.text
+    assert "running.py" not in caplog.text
+
+
+def test_error_in_until_names_the_concurrence(caplog: pytest.LogCaptureFixture) -> None:
+    def broken(ended: dict[str, str]) -> bool:
+        return ended["typo"] == "completed"
+
+    with Concurrence("both", until=broken) as sm:
+        sm.Watch(foreground=False)
+        sm.call(lambda _: None)
+    with (
+        mission_of_rover() as (mission, _),
+        pytest.raises(MissionTaskFailed, match=r"until=broken of concurrence 'both'.*'typo'"),
+    ):
+        sm.run(mission)
+    assert 'ended["typo"]' in caplog.text
+    assert "statemachine" not in caplog.text
 
 
 def test_end_of_a_task_becomes_user_data() -> None:

@@ -168,7 +168,7 @@ def test_machine_misuse_is_rejected_when_written() -> None:
             goto.on(failed="GoTo")
         with pytest.raises(MisuseError, match="leads to a state or its label, not 3"):
             goto.on(completed=3)  # type: ignore[arg-type]
-        with pytest.raises(MisuseError, match="parameters are given by name"):
+        with pytest.raises(MisuseError, match="parameters by name"):
             sm.GoTo(1.0)
         with pytest.raises(MisuseError, match=r"until must be .* not 'some'"):
             sm.concurrence(until="some")  # type: ignore[arg-type]
