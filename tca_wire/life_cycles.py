@@ -202,6 +202,11 @@ class LifeCycle:
         """Return the transition by which the server refuses a client's request."""
         return self._with_effect(state, Effect.REFUSE)
 
+    def why_no_refusal(self, state: str) -> str:
+        """Return why no request can be rejected in *state*, and the remedy."""
+        row = f"Transition(..., '{state}', ..., effect=Effect.REFUSE)"
+        return f"{self} has no transition for that: add {row} to its table"
+
     def grant(self, state: str) -> Transition | None:
         """Return the transition by which the server accepts a client's new goal."""
         return self._with_effect(state, Effect.TAKE_GOAL)
@@ -405,6 +410,7 @@ ROS_GOAL = LifeCycle(
         Transition("abort", "executing", "aborted"),
         Transition("abort", "canceling", "aborted"),
         Transition("canceled", "canceling", "canceled", Party.SERVER, Effect.STOP),
+        Transition("cancel_rejected", "canceling", "executing", Party.SERVER, Effect.REFUSE),
         *(
             Transition("feedback", state, state, Party.SERVER, Effect.RESULT)
             for state in ("executing", "canceling")
@@ -414,6 +420,7 @@ ROS_GOAL = LifeCycle(
     done="succeeded",
     cancelled=["canceled", "aborted"],
 )
-"""The states of a goal of ROS 2 (rcl_action), and its feedback. It has no updates, and a cancel
-can't be refused.
+"""The states of a goal of ROS 2 (rcl_action), feedback, and the rejection of a cancel; no updates.
+
+rcl enters "canceling" when the server accepts a cancel. Here the client's request does.
 """

@@ -62,6 +62,7 @@ QUOTES = {
     'with task.lock("controller"': "34_locks",
     'GRASP = Command("grasp"': "24_retry_policy",
     "user.on_failure(TIMEOUT, TAKE_STAIRS": "24_retry_policy",
+    "@planner.handles(UNDO)": "56_undo",
     'pen_holder.resource("pen")': "25_mutex",
     "with (\n    LocalCentral(stepped=True) as central,": "06_testing_without_central",
     "class Robot(Component[list[str]])": "51_activities",
@@ -154,6 +155,7 @@ from typing import Any
 from tca_behaviours.missions import *
 from tca_module import Timeout
 cart: Any = None
+make_server: Any = None
 mission: Mission = Mission("cart")
 """
 

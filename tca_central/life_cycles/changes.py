@@ -54,8 +54,7 @@ def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> Non
         is_refused = row.name in handled.refuses and row.by is Party.CLIENT
         if is_refused and cycle.ends_on_request(row.target) and not cycle.refusal(row.target):
             what = f"the handler of '{declared.name}' can't refuse '{row.name}'"
-            text = f"{what}: {cycle} has no transition for that"
-            raise RequestError(Refusal.PROTOCOL, text)
+            raise RequestError(Refusal.PROTOCOL, f"{what}: {cycle.why_no_refusal(row.target)}")
 
 
 def restart(central: State, task: Task) -> None:

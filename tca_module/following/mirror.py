@@ -23,11 +23,14 @@ class Mirror(Observation):
         super().__init__(connection, header, what)
         self.serial = -1
         self.has_ended = False  #: whether the task has ended
+        self._first_serial = -1  # where following began
         self.newest: ObservedChange | None = None  #: the newest change, or the first state
         self.progress: ObservedChange | None = None  #: the newest intermediate result
         self.has_progressed = False  #: whether the newest change brought an intermediate result
 
     def _process_change(self, observed: ObservedChange) -> None:
+        if self.newest is None:
+            self._first_serial = observed.change.serial
         self.newest, self.has_ended = observed, observed.change.is_over
         # Central sends no serial number for a task that had ended.
         self.serial = max(self.serial, observed.change.serial)
@@ -50,7 +53,8 @@ class Mirror(Observation):
     def snapshot(self) -> ObservedChange | None:
         """Return the task's present state as a change; None while the task is in its first state.
 
-        The change has the form of a change in a snapshot of central.
+        The change has the form of a change in a snapshot of central. Earlier changes that this
+        program has followed count as missed.
         """
         if self.newest is None or self.newest.change.serial == 0:
             return None
@@ -58,7 +62,10 @@ class Mirror(Observation):
         if not change.is_over:
             data = self.progress.change.data if self.progress is not None else b""
             change = replace(change, by=Party.CENTRAL, module="", text="", data=data)
-        return self.newest._replace(change=replace(change, transition="", is_late=True), missed=0)
+        change = replace(change, transition="", is_late=True)
+        return self.newest._replace(
+            change=change, missed=max(0, change.serial - self._first_serial - 1)
+        )
 
     @property
     def state(self) -> str:

@@ -324,7 +324,7 @@ class Change:
         is_late: whether this is the state that the observer found, and not a change.
         is_over: whether the task has ended.
         outcome: the task's ``Outcome`` if the task has ended and the outcome is known; else None.
-        missed: the number of changes that this observer missed directly before this change.
+        missed: the number of changes directly before this one that the iteration does not show.
     """
 
     def __init__(
@@ -409,6 +409,9 @@ class SentTask(TaskRef, Generic[R]):
         that has the same type. Otherwise it has no result: ``result()`` returns None, or raises
         TaskFailed if the message declares a result.
 
+        A handler that catches TaskFailed of its subtask does not stop the failure: an exception
+        handler or a fallback does.
+
         Args:
             timeout: the most seconds to wait, as for ``wait``. Default: None, no bound.
 
@@ -425,10 +428,8 @@ class SentTask(TaskRef, Generic[R]):
 
         Example::
 
-            try:
-                footfall = task.command(MOVE_LEG, 3).result(timeout=10)
-            except TaskFailed as error:
-                print(error.failure, error.data)
+            patient = Retry(3, otherwise=STAND_STILL)
+            footfall = task.command(MOVE_LEG, 3, retry=patient).result(timeout=10)
         """
         is_news = self._end is None
         answer, body = self._await_end(timeout)

@@ -252,7 +252,7 @@ class ServerState:
                 return False
             row = self.life_cycle.refusal(self._state)
             if row is None:
-                text = f"{self.life_cycle} has no transition for that"
+                text = self.life_cycle.why_no_refusal(self._state)
                 raise MisuseError(f"{request} can't be rejected: {text}")
             self._open.remove(request)
             self._is_started_by_refusal = request.row.source == self.life_cycle.initial

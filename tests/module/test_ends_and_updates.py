@@ -8,6 +8,7 @@ from tca_module import (
     ROS_GOAL,
     Client,
     Command,
+    Effect,
     LaterReply,
     LifeCycle,
     MisuseError,
@@ -16,6 +17,7 @@ from tca_module import (
     Refused,
     Rejected,
     Task,
+    TaskFailed,
     Transition,
     connect,
 )
@@ -70,6 +72,53 @@ def test_ros_goal_reports_feedback(user: Client, central: LocalCentral) -> None:
         sent = user.command(scan, 1)
         assert list(sent.progress(float)) == [0.5]
         assert (sent.result(), sent.state) == ("bright", "succeeded")
+
+
+@pytest.mark.parametrize(("takes", "refuses"), [(["cancel_goal"], []), ([], ["cancel_goal"])])
+def test_ros_goal_continues_after_a_rejected_cancel(
+    user: Client, central: LocalCentral, takes: list[str], refuses: list[str]
+) -> None:
+    do, hand = Command("do", life_cycle=ROS_GOAL), Module("hand", central)
+
+    @hand.handles(do, takes=takes, refuses=refuses)
+    def handle(task: Task) -> None:
+        if takes:
+            task.wait_for_request().reject("cannot stop now")
+        task.sleep(1)
+
+    with hand.running():
+        sent = user.command(do)
+        central.until_quiet()
+        assert sent.state == "executing"
+        changes = sent.changes()
+        sent.cancel()
+        central.advance(1)
+        assert [one.state for one in changes] == [
+            "executing",
+            "canceling",
+            "executing",
+            "succeeded",
+        ]
+
+
+def test_impossible_rejection_names_the_remedy(user: Client, central: LocalCentral) -> None:
+    rows = [row for row in GENERAL.transitions if row.effect is not Effect.REFUSE]
+    do, hand = Command("do", life_cycle=LifeCycle("blunt", rows)), Module("hand", central)
+
+    @hand.handles(do, takes=["cancel"])
+    def handle(task: Task) -> None:
+        task.wait_for_request().reject()
+
+    with hand.running():
+        sent = user.command(do)
+        central.until_quiet()
+        sent.cancel()
+        with pytest.raises(TaskFailed, match=r"effect=Effect\.REFUSE"):
+            sent.result()
+    refuser = Module("refuser", central)
+    refuser.handles(do, refuses=["cancel"])(lambda _: None)
+    with pytest.raises(Refused, match=r"effect=Effect\.REFUSE"), refuser.running():
+        pass
 
 
 def test_take_of_a_failing_end_is_misuse(user: Client, central: LocalCentral) -> None:

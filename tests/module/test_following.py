@@ -209,6 +209,7 @@ def test_changes_of_followed_task_begin_with_current_state(
         "central",
     )
     assert late.data == Feel(1.0)
+    assert late.missed == 2, "earlier changes since following began"
 
 
 def test_final_state_is_known_after_end(user: Client, arm: Module, central: LocalCentral) -> None:
