@@ -116,8 +116,9 @@ class Client(Sender, checks.OnlyBlocking):
             sent = msgspec.msgpack.decode(request.answers[-1][1])
             if sent["total"]:
                 named = listed(sent["tasks"], sent["total"] - len(sent["tasks"]), named=_MOST_NAMED)
+                verb = "continues" if sent["total"] == 1 else "continue"
                 print(
-                    f"'{self.name}' leaves, and {named} continue:"
+                    f"'{self.name}' leaves, and {named} {verb}:"
                     " connect(..., on_leave='cancel') cancels them, on_leave='keep' keeps them",
                     file=sys.stderr,
                 )
