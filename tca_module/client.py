@@ -20,6 +20,7 @@ from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import SentTasks, Topic
+from tca_module.sending.handler_errors import crash_text
 from tca_module.sending.sender import Sender
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.session.lasting_attachments import LastingAttachments
@@ -128,6 +129,8 @@ class Client(Sender, checks.OnlyBlocking):
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         link = self._link
+        if link is not None:
+            link.crash = crash_text(error)
         try:
             self.close()
         except (CentralLost, Refused) as lost:

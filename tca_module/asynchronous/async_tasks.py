@@ -154,6 +154,7 @@ class AsyncTaskRef(Forwarding, TaskIntervals):
 
     wait = WaitingIn(_wait)(TaskRef.wait)
     wait_for = WaitingIn(_wait_for)(TaskRef.wait_for)
+
     @property
     def state(self) -> Coroutine[Any, Any, str]:
         """The task's state, to be awaited: ``await task.state``. See ``TaskRef.state``."""
