@@ -20,6 +20,7 @@ from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import SentTasks, Topic
+from tca_module.sending.handler_errors import crash_text
 from tca_module.sending.sender import Sender
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.session.lasting_attachments import LastingAttachments
@@ -116,8 +117,9 @@ class Client(Sender, checks.OnlyBlocking):
             sent = msgspec.msgpack.decode(request.answers[-1][1])
             if sent["total"]:
                 named = listed(sent["tasks"], sent["total"] - len(sent["tasks"]), named=_MOST_NAMED)
+                verb = "continues" if sent["total"] == 1 else "continue"
                 print(
-                    f"'{self.name}' leaves, and {named} continue:"
+                    f"'{self.name}' leaves, and {named} {verb}:"
                     " connect(..., on_leave='cancel') cancels them, on_leave='keep' keeps them",
                     file=sys.stderr,
                 )
@@ -127,6 +129,8 @@ class Client(Sender, checks.OnlyBlocking):
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         link = self._link
+        if link is not None:
+            link.crash = crash_text(error)
         try:
             self.close()
         except (CentralLost, Refused) as lost:

@@ -32,6 +32,10 @@ ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
 """Errors that fail one user function only. Others, such as KeyboardInterrupt, end the module."""
 
 
+CLOCK_STANDS = "the stepped clock stands still: call advance()"
+"""The advice for a wait that came to nothing on a stepped clock."""
+
+
 class TcaError(CopyableError):
     """The base of all errors of this package."""
 
@@ -121,6 +125,7 @@ class Timeout(TcaError, TimeoutError):
     """
 
     def __init__(self, what: str, *, can_wait: bool = False) -> None:
+        can_wait = can_wait and not what.endswith(CLOCK_STANDS)
         super().__init__(f"{what}; to wait longer give timeout=" if can_wait else what)
         self.what = what
         self.can_wait = can_wait

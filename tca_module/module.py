@@ -21,6 +21,7 @@ from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE
 from tca_module.log import log_of
+from tca_module.sending.handler_errors import crash_text
 from tca_module.serving.callbacks import Callbacks
 from tca_module.serving.handler_options import (
     BUSY,
@@ -397,8 +398,8 @@ class Module(LoopModule):
                 link.session.attachments,
             )
             self._open_slots(greeting.incarnation, serving)
-        except BaseException:
-            self._leave()
+        except BaseException as error:
+            self._leave(error)
             raise
         self._keep_alive = KeepAlive(link, self._stop, reconnect=reconnect)
 
@@ -465,6 +466,7 @@ class Module(LoopModule):
             return []  # the process that started the module says goodbye
         if self._keep_alive is not None:
             self._keep_alive.end()
+        self._stop.crash = link.crash = crash_text(why)
         self._stop.set()
         link.leave()
         errors = self._slots.close(why)

@@ -407,6 +407,7 @@ class LocalTransport:
         self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock
     ) -> None:
         self.id = connection
+        self.is_stepped = central.is_stepped
         self.serves = ""  #: the module whose messages the thread handles; "" if it only sends
         self.is_paused = False  #: the thread of this connection waits
         self.has_turn = False  #: the thread was given a turn, and has not paused since

@@ -287,7 +287,8 @@ def _location_of(central: State, delivery: Delivery, *, is_first: bool = True) -
     """
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
         waits = _waits_of_handler(central, delivery) if is_first else ()
-        return _wait_at(WaitKind.RUNNING, resource, waits)
+        is_owed = delivery in central.dispatcher.lending.postponed
+        return replace(_wait_at(WaitKind.RUNNING, resource, waits), is_owed=is_owed)
     if not delivery.queues:
         return WaitFor(WaitKind.HANDLER, name=delivery.message.name)
     resource, *others = delivery.queues

@@ -46,6 +46,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION, Cancelled
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.rules import FAILURE, RETURNED
+from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 MOST_AHEAD = 64
@@ -219,9 +220,10 @@ def on_hello_again(central: State, connection: Connection, header: headers.Hello
     direct_routes.send_invalid_licences(central, connection)
 
 
-def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
-    """Remove a connection that closes regularly."""
-    disconnect(central, connection, "it said goodbye", lost=False)
+def on_bye(central: State, connection: Connection, header: headers.Bye, _: bytes) -> None:
+    """Remove a connection that closes regularly, or because of an error of its program."""
+    why = f"it failed: {shortened(header.error)}" if header.error else "it said goodbye"
+    disconnect(central, connection, why, lost=False)
 
 
 def on_end_central(

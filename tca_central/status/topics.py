@@ -317,10 +317,10 @@ def _place(place: Task | MessageType) -> dict[str, Any]:
 
 
 def _sent(central: State, module: Module) -> dict[str, Any]:
-    """Return the first living top-level tasks of a module, and how many there are."""
-    tasks = central.tree.top_of_module.get(module, {})
-    first = itertools.islice(tasks.values(), SHOWN_SENT)
-    return {"tasks": [str(task) for task in first], "total": len(tasks)}
+    """Return the first top-level tasks of a module that are not killed, and how many there are."""
+    sent = central.tree.top_of_module.get(module, {}).values()
+    tasks = [task for task in sent if not task.killed]
+    return {"tasks": [str(task) for task in tasks[:SHOWN_SENT]], "total": len(tasks)}
 
 
 TOPICS = {

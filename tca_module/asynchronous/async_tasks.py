@@ -2,7 +2,7 @@
 # ruff: noqa: SLF001, ASYNC109 - these do the work of TaskRef and Stream, with the same options
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
 from tca_module.asynchronous.forwarding import (
@@ -133,11 +133,6 @@ async def _update(
         pending.wait(0)
 
 
-def _state(task: TaskRef) -> str:
-    """Return the task's state, as central reports it."""
-    return task.state
-
-
 class AsyncTaskRef(Forwarding, TaskIntervals):
     """A ``TaskRef`` for the user's own event loop. Its calls are coroutines.
 
@@ -159,7 +154,12 @@ class AsyncTaskRef(Forwarding, TaskIntervals):
 
     wait = WaitingIn(_wait)(TaskRef.wait)
     wait_for = WaitingIn(_wait_for)(TaskRef.wait_for)
-    state = forwarded(_state)
+
+    @property
+    def state(self) -> Coroutine[Any, Any, str]:
+        """The task's state, to be awaited: ``await task.state``. See ``TaskRef.state``."""
+        return self.call(lambda task: task.state)
+
     changes = streamed(TaskRef.changes)
     progress = streamed(TaskRef.progress)
     update = WaitingIn(_update)(TaskRef.update)

@@ -43,6 +43,7 @@ class Connection(Waits):
     """One connection to central."""
 
     has_sent_tasks = False
+    crash = ""  #: the error that ends the program, for the goodbye; "" for a regular end
 
     def open(
         self, is_stopped: Callable[[], bool] = lambda: False, *, logs_wait: bool = False
@@ -432,7 +433,7 @@ class Connection(Waits):
                 number = self.missing - lost_before
                 why = self._why_missing() if number else ""
                 self.direct.report(at_once=True)
-                if session.post(headers.Bye()):
+                if session.post(headers.Bye(self.crash)):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
             if number:

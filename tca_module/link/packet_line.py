@@ -58,8 +58,8 @@ class PacketLine:
 
     def _owes_answer(self, now: float) -> bool:
         """Whether central has been silent for long, and has not answered a probe."""
-        since_probe = now - self.session.probed_since
-        return now - self.session.heard >= QUIET and since_probe >= _PROBE_ANSWERED_WITHIN
+        heard, probed = self.session.heard, self.session.probed_since
+        return now - heard >= QUIET and probed > heard and now - probed >= _PROBE_ANSWERED_WITHIN
 
     def why_late(self, within: float) -> str:
         """Return why central has not answered within the last *within* seconds."""
@@ -126,7 +126,7 @@ class PacketLine:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
         now, session = self.clock(), self.session
-        if session.probed_since > session.heard and self._owes_answer(now):
+        if self._owes_answer(now):
             self._last_silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):

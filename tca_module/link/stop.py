@@ -10,6 +10,7 @@ class Stop(threading.Event):
     def __init__(self) -> None:
         super().__init__()
         self._wakes: list[Callable[[], None]] = []
+        self.crash = ""  #: the error that ended the program; "" if it ended regularly
 
     def on_set(self, wake: Callable[[], None]) -> None:
         """Call *wake* when the event is set. If it is set already, call *wake* at once."""

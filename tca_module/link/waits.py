@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from tca_module.checks import BRIEF, TIMEOUT, check
 from tca_module.direct.messages import DirectMessages
-from tca_module.errors import CentralLost, MisuseError
+from tca_module.errors import CLOCK_STANDS, CentralLost, MisuseError
 from tca_module.link.one_thread import ThreadBound
 from tca_module.link.packet_line import PacketLine
 from tca_module.link.wait_loop import WaitLoop
@@ -245,7 +245,9 @@ class Waits(ThreadBound):
                 self.wait_loop.until(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)
             request.answers += asked.answers  # for a multi-query, this may be a failure
-            return asked.answers[-1][0].text if asked.answers else ""
+            text = asked.answers[-1][0].text if asked.answers else ""
+            is_stepped = getattr(self.transport, "is_stepped", False)
+            return "; ".join(filter(None, (text, CLOCK_STANDS * is_stepped)))
 
     def mark_notified(self) -> None:
         """Record that the waiting handler knows of a kill: it is about to get an error anyway."""

@@ -75,8 +75,21 @@ def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 def module_end_failure(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """Return the failure of the message being handled when an error ended the module."""
-    what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
-    return Fail(delivery, failures.MODULE_LOST, _printable(f"its module was ended by {what}")), b""
+    what = f"its module was ended by {_summary(error)}"
+    return Fail(delivery, failures.MODULE_LOST, _printable(what)), b""
+
+
+def _summary(error: BaseException | None) -> str:
+    return "".join(traceback.format_exception_only(error)).partition("\n")[0]
+
+
+def crash_text(error: BaseException | None) -> str:
+    """Return the error that ends a program, for central; "" for a regular end."""
+    if isinstance(error, SystemExit):
+        is_crash = bool(error.code)
+    else:
+        is_crash = isinstance(error, Exception) and not isinstance(error, Stopped)
+    return _printable(_summary(error)) if is_crash else ""
 
 
 def _printable(text: str) -> str:

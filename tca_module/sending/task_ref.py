@@ -38,6 +38,7 @@ from tca_wire.vocabulary import Outcome
 FIND_IT = "other threads connect() themselves, and find it with task(number)"
 """The remedy for a task that is used in a wrong thread."""
 
+_RESULT_THERE = "the last of its changes() there has the result as data"
 _NO_RESULT = "its failure was resolved: the task is done after a failure and has no result"
 
 
@@ -145,7 +146,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         return task.what if isinstance(task, SentId) else str(self)
 
     def _connection(self) -> Connection:
-        self._link.check_thread(self, "sent or found it", FIND_IT)
+        self._link.check_thread(self, "sent or found it", f"{FIND_IT}; {_RESULT_THERE}")
         return self._link
 
     def _as_change(self, observed: ObservedChange) -> "Change":

@@ -126,6 +126,7 @@ class Slot:
         return self.is_replaced or self._serving.stop.is_set()
 
     def _close_connection(self, connection: Connection, error: BaseException | None = None) -> None:
+        connection.crash = self._serving.stop.crash
         connection.return_prefetched()
         connection.run_requested_calls()
         for later in list(self._owed):

@@ -66,7 +66,7 @@ class DaemonOfTest(Rig):
 @contextmanager
 def daemon_in(folder: Path) -> Iterator[DaemonOfTest]:
     """A context with a central of its own, whose journal and logs are in *folder*."""
-    with central_in(folder) as (address, programs):
+    with central_in(folder, is_fresh=False) as (address, programs):
         connect("pytest", address, patience=START_TIME).close()  # it has started
         daemon = DaemonOfTest(address, folder / "journal", programs)
         before = os.environ.get(VARIABLE)

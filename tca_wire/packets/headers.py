@@ -269,7 +269,10 @@ class Receipt(WireArray, frozen=True, tag=50):
 
 
 class Bye(WireArray, frozen=True, tag=12):
-    """This connection closes normally; nothing failed."""
+    """This connection closes; no delivery fails."""
+
+    error: str = ""
+    """The error that ended the program; "" if it ended regularly."""
 
 
 class Attach(Numbered, frozen=True, tag=13):

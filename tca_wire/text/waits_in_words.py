@@ -235,7 +235,8 @@ def _running(waits: _WaitGroup) -> str:
     handler = f"the handler of {waits.names}" if first.number else "its handler"
     where = f" in {waits.place}" if first.module and waits.number == 1 else ""
     waiting = f", which waits {several_in_words(first.because)}" if first.because else ""
-    return f"until {handler}{where} returns{waiting}"
+    ends = "sends its later reply" if first.is_owed else "returns"
+    return f"until {handler}{where} {ends}{waiting}"
 
 
 _RESOURCE_KINDS = (WaitKind.RESOURCE, WaitKind.LOCK)

@@ -67,6 +67,8 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     """For RESUME: the task was created suspended."""
     holds: bool | None = None
     """For CONDITION: the result of the last test; None: not tested yet."""
+    is_owed: bool = False
+    """For RUNNING: the handler has returned, and owes its later reply."""
     answered: int = 0
     """For REPLY to a multi-query: the number of answers; *because* has the missing ones."""
     more: int = 0

@@ -171,3 +171,11 @@ def test_calls_of_removed_attachments_are_forgotten() -> None:
         robot.play(f"user: remove {attached}")
     assert len(robot.player.facts(facts.Caught)) == 100
     assert len(Recovery.of(robot.player.central.tree.tasks[TaskId(1)]).invocations) < 20
+
+
+def test_killed_task_is_not_named_as_open() -> None:
+    robot = Player.of("legs: command move", "user")
+    moves = [robot.task("user", "move") for _ in range(3)]
+    robot.request("user", headers.Kill, TaskId(moves[0]))  # its handler has not returned
+    robot.request("user", headers.Ask, "sent")
+    assert msgspec.msgpack.decode(robot.inbox["user"][-1][1])["total"] == 2

@@ -275,6 +275,9 @@ def test_update_and_changes_of_a_task_are_awaited(robot: Robot) -> None:
                 await moving.update(5, timeout=SOON)
                 states += [change.state async for change in changes]
             assert await moving.result(SOON) == "updated"
+            assert await moving.state == "done"
+            with pytest.warns(RuntimeWarning, match="never awaited"):
+                assert moving.state != "done"  # type: ignore[comparison-overlap]
             return states
 
     states = asyncio.run(main())

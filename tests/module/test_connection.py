@@ -422,10 +422,15 @@ def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
 def test_answering_central_is_not_silent() -> None:
     connection, central = scripted_connection()
     assert not connection.why_silent
+    central.script = lambda _: []
     central.now += QUIET
-    assert connection.why_silent.startswith("central at ipc://scripted has said nothing for 2.5 s")
+    connection.keep_alive(central.now - QUIET)
+    central.now += STEP
+    assert connection.why_silent.startswith("central at ipc://scripted has said nothing for 2.7 s")
     central.deliver(Beat())
     connection.keep_alive(central.now)
+    assert not connection.why_silent
+    central.now += QUIET  # it has answered the last probe, and the next one is not sent yet
     assert not connection.why_silent
 
 

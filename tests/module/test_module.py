@@ -92,6 +92,25 @@ def test_module_says_goodbye_when_it_ends(legs: Module, central: LocalCentral) -
     assert not central.core.registry.connections
 
 
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (RuntimeError("arm"), "it failed: RuntimeError: arm"),
+        (SystemExit(3), "it failed: SystemExit: 3"),
+        (SystemExit(0), "it said goodbye"),
+        (KeyboardInterrupt(), "it said goodbye"),
+    ],
+)
+def test_goodbye_of_a_crash_names_the_error(
+    legs: Module, central: LocalCentral, error: BaseException, why: str
+) -> None:
+    legs.handles(REST)(lambda _: None)
+    for block in (legs.running(), connect("user", central)):
+        with pytest.raises(type(error)), block:
+            raise error
+    assert [fact.why for fact in central.facts if isinstance(fact, ModuleLeft)] == [why, why]
+
+
 @contextmanager
 def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | None]]:
     """Run a function beside the block. Yield a list that holds the function's error, or None, after

@@ -145,7 +145,7 @@ def test_use_in_wrong_thread_names_object_and_advice(user: Client, legs: Module)
         "walk {1} is used in thread 'driver', but belongs to thread 'legs 1', which handles it: other threads connect() \
 themselves, and find it with task(number)",
         "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: other threads \
-connect() themselves, and find it with task(number)",
+connect() themselves, and find it with task(number); the last of its changes() there has the result as data",
         "client 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: share it with \
 connect(..., threads=True), or connect() in each thread",
         "module 'legs' is used in thread 'driver', but belongs to thread 'MainThread', which runs it: a handler sends with its \

@@ -43,6 +43,8 @@ def test_stepped_clock_stands_still_until_advanced(
     legs.handles(REST)(lambda _: done.append("rest"))
     with legs.running():
         rest = user.command(REST, delay=3600)
+        with pytest.raises(Timeout, match=r"call advance\(\)$"):
+            rest.wait(timeout=0)
         central.until_quiet()
         central.advance(3599.5)
         assert not done

@@ -31,3 +31,14 @@ def test_delivery_survives_a_restart_of_the_arm(tca_daemon: DaemonOfTest) -> Non
         arm_is_back.set()
         assert delivery.wait(timeout=30) is Outcome.DONE
     assert drive.calls == ["kitchen", "store"]
+
+
+def test_drive_survives_a_restart_of_central(tca_daemon: DaemonOfTest) -> None:
+    central_is_back = threading.Event()
+    drive = tca_daemon.fake(DRIVE, returns=lambda _task, _room: float(central_is_back.wait(30)))
+    with connect("test") as user:
+        driven = user.command(DRIVE, "store")
+        drive.wait_for_calls(1, timeout=30)
+        tca_daemon.programs.kill_and_restart("central")
+        central_is_back.set()
+        assert driven.wait(timeout=30) is Outcome.DONE
