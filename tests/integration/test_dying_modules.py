@@ -85,10 +85,11 @@ def test_task_fails_and_lock_is_free_when_handler_process_dies(tmp_path: Path) -
 AGAIN = ExceptionHandler("again")
 POOL = """
 import ctypes, os, pathlib, sys
+from typing import NoReturn
 from tca_module import Command, Module, Query, Task
 module = Module("m")
 
-def die(_: Task) -> None:
+def die(_: Task) -> NoReturn:
     with open(os.environ["BEGUN"], "a") as file:
         file.write("begun\\n")
     ctypes.string_at(0)
