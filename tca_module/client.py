@@ -342,7 +342,7 @@ def _close_abandoned() -> None:
     """Close the clients whose threads have ended, so that they do not accumulate."""
     for client in [one for one in list(_open_clients) if one._is_abandoned]:
         try:
-            client.close()
+            client._close_from_outside()  # other threads may close it, too
         except (CentralLost, Refused) as lost:
             logging.getLogger("tca").error("%s", lost)  # noqa: TRY400 - no caller could catch it
 

@@ -280,7 +280,7 @@ class LocalCentral(Rig):
                     lines.append(f"{line}: {data}" if data else line)
         return "\n".join([*lines, ""])
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write the journal to a file, for ``tca log``, ``tca tree`` and the other tools.
 
         Args:
@@ -296,7 +296,7 @@ class LocalCentral(Rig):
         with self._lock:
             entries, began = self.entries[:], time.time() - self.now()
         opened = facts.Opened(facts.JOURNAL_VERSION, self.core.epoch, 1, began, release())
-        path.write_bytes(b"".join(map(record, [Entry(0, 0.0, [opened]), *entries])))
+        Path(path).write_bytes(b"".join(map(record, [Entry(0, 0.0, [opened]), *entries])))
 
     # --- connections ------------------------------------------------------------------------------
 

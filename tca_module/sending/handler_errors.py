@@ -26,7 +26,9 @@ _ADVICE = {
     "exceptions must derive from BaseException": (
         ": to raise a declared failure, call it: raise COLLISION() or raise COLLISION(data)"
     ),
-    "can't be used in 'await' expression": ": a Task's query() waits itself, await query_send()",
+    "can't be used in 'await' expression": (
+        ": query() and result() wait themselves: await query_send(), or the sent task itself"
+    ),
 }
 """Ends of Python's errors, and the remedies for handlers."""
 

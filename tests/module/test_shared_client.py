@@ -4,6 +4,7 @@ import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,21 @@ def test_twenty_threads_share_one_client(central: RealCentral) -> None:
         assert done == [(one + 1, 2 * one, ["robot", "user"]) for one in range(THREADS)]
         assert user.query(NEXT, 7) == 8
     until(lambda: not connections_of(central, "user"), "all connections are closed")
+
+
+@pytest.mark.usefixtures("robot")
+def test_threads_come_and_go_like_those_of_requests(central: RealCentral) -> None:
+    """Each opening closes the connections of ended threads, while others do the same."""
+    with connect("user", central.address, threads=True) as user:
+        started: list[threading.Thread] = []
+        done: list[int] = []
+        for number in range(120):
+            ask = partial(user.query, NEXT, number)
+            started.append(threading.Thread(target=lambda ask=ask: done.append(ask())))
+            started[-1].start()
+        for thread in started:
+            thread.join(SOON)
+    assert sorted(done) == list(range(1, 121))
 
 
 @pytest.mark.usefixtures("robot")

@@ -45,6 +45,9 @@ class UserData:
             )
         return self._values[key]
 
+    def __contains__(self, name: str) -> bool:
+        return self._key(name) in self._values
+
     def __setattr__(self, name: str, value: Any) -> None:
         self._values[self._key(name)] = value
 
