@@ -354,6 +354,8 @@ def _apply_server_step(
         # The server may have changed the goal.
         if goal := body or (goals[-1] if goals else b""):
             _set_goal(central, task, goal)
+        if any(one.body for one in asked if one.serial > seen):
+            body = task.body  # the journal's readers would assume the newest goal
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
         return
