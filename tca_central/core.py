@@ -51,7 +51,7 @@ from tca_central.locks import claims
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Delivery, Module, ModuleClaim, Wiretap
 from tca_central.model.stored import Stored
-from tca_central.model.tasks import Recovery, Task, TaskOutcome, Watch
+from tca_central.model.tasks import Policy, Recovery, Task, TaskOutcome, Watch
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import (
     joining,
@@ -402,7 +402,7 @@ class Central(State):
 
         Return whether the fallback of its retry policy replaces the attempt.
         """
-        changes.restart(self, task)
+        changes.restart(self, task, is_replaced=Policy.is_replaced(task))
         if task.killed:
             return False
         task.retry_pending = False

@@ -21,7 +21,7 @@ from tca_central.errors import RequestError
 from tca_central.failing.failures import kill, retry_task
 from tca_central.failing.retry_order import check_order
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module
-from tca_central.model.tasks import ClientRequest, Clients, Policy, Task, Verdict
+from tca_central.model.tasks import ClientRequest, Clients, Task, Verdict
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.life_cycles import Effect, LifeCycle, Transition, read_life_cycle
@@ -57,11 +57,11 @@ def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> Non
             raise RequestError(Refusal.PROTOCOL, f"{what}: {cycle.why_no_refusal(row.target)}")
 
 
-def restart(central: State, task: Task) -> None:
+def restart(central: State, task: Task, *, is_replaced: bool = False) -> None:
     """Set a task back to its initial state for its next handler.
 
-    If a client has requested the end of the task, kill the task instead. A task that the fallback
-    of its retry policy replaces has no next handler, and keeps its state.
+    If a client has requested the end of the task, kill the task instead. If the fallback of its
+    retry policy replaces the task now, the task has no next handler, and keeps its state.
     """
     asked = central.tree.pop_client_requests(task)
     if task.clients is not None:
@@ -69,7 +69,7 @@ def restart(central: State, task: Task) -> None:
         task.clients.ending = ""
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
-    elif task.state != task.message.initial_state and not Policy.is_replaced(task):
+    elif task.state != task.message.initial_state and not is_replaced:
         task.state = task.message.initial_state
         task.serial += 1
         central.notify_observers(task, "restarted", Party.CENTRAL)
@@ -354,6 +354,8 @@ def _apply_server_step(
         # The server may have changed the goal.
         if goal := body or (goals[-1] if goals else b""):
             _set_goal(central, task, goal)
+        if any(one.body for one in asked if one.serial > seen):
+            body = task.body  # the journal's readers would assume the newest goal
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
         return

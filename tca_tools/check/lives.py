@@ -121,7 +121,7 @@ def _follow(task: MessageRecord, fact: facts.StateChanged, step: Transition | No
     if effect is Effect.NEW_GOAL:
         task.requested_goal = fact.body
     elif effect is Effect.TAKE_GOAL:
-        task.body = task.requested_goal
+        task.body = fact.body or task.requested_goal
     if fact.by is Party.CLIENT:
         task.overtaken += (before,)
     elif effect is not Effect.RESULT:

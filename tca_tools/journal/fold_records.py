@@ -265,7 +265,7 @@ class RecordFold(Run):
         self.news.append(task)
         if effect is Effect.TAKE_GOAL:
             asked = (one.body for one in reversed(task.life) if one.effect is Effect.NEW_GOAL)
-            self._change(task, "body", next(asked, task.body))
+            self._change(task, "body", fact.body or next(asked, task.body))
 
     def _restarted(self, fact: facts.CentralRestarted) -> None:
         self.restarts.append(Restart(self.time, fact.away, self._is_end_planned))

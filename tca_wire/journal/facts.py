@@ -331,7 +331,9 @@ class StateChanged(TaskFact, frozen=True, tag="state"):
     text: str = ""
     """The reason, for display."""
     body: bytes = b""
-    """The goal that a client asks for or the server takes over, or an intermediate result."""
+    """The goal that a client asks for, or an intermediate result. For an accepted update: the goal,
+    if it is not the newest one that clients have asked for.
+    """
 
 
 class Kept(TaskFact, frozen=True, tag="kept"):

@@ -68,8 +68,9 @@ def test_ros_goal_reports_feedback(user: Client, central: LocalCentral) -> None:
         task.report(0.5)
         return "bright"
 
+    sent = user.command(scan, 1)
+    sent.follow()
     with eye.running():
-        sent = user.command(scan, 1)
         assert list(sent.progress(float)) == [0.5]
         assert (sent.result(), sent.state) == ("bright", "succeeded")
 

@@ -51,6 +51,7 @@ class ComparedPlayer(Folding):
                     str(task),
                     len(self.entries),
                 )
+                assert record.body == task.body, (str(task), len(self.entries))
 
 
 class ChangingLife(Life):

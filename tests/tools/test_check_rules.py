@@ -62,8 +62,16 @@ def test_full_walk_keeps_all_rules() -> None:
 
 @pytest.mark.parametrize("path", sorted(TRANSCRIPTS.glob("*.txt")), ids=lambda path: path.stem)
 def test_transcripts_keep_the_rules_from_any_entry_on(path: Path) -> None:
-    entries = [OPENED, *played(path.stem).entries]
+    player, run = played(path.stem), CheckedRun()
+    entries = [OPENED, *player.entries]
     assert [start for start in range(len(entries)) if checked(entries[start:])] == []
+    for entry in entries:
+        run.apply(entry)
+    for task in player.central.tree.tasks.values():
+        known = run.world.items[task.id]
+        if not task.message.message_class.is_monitor:
+            found = (known.state, known.serial, known.body)
+            assert found == (task.state, task.serial, task.body), str(task)
 
 
 def test_prefetched_message_begun_before_unregister_keeps_rules(
