@@ -76,6 +76,7 @@ _BEAT = codec.pack_item(Beat())
 PULSE_PERIOD = 1.0  # seconds between heartbeats on pulses
 BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # between heartbeats to all connections
+TICK_PERIOD = 5.0  # without input, while a timer is set: a crash loses the time since the last one
 LOST_AFTER = 5
 """The number of unanswered heartbeats after which a process that stands still counts as lost."""
 PACKETS_PER_TURN = 64
@@ -199,6 +200,9 @@ class Daemon:
             if not patience:
                 self._run_due_work()
             self._flush()
+        if self._is_kept:  # the clock of the continued run starts at the last input
+            self.handle_input(Tick(self.now()))
+            self._flush()
 
     def _set_limits(self) -> None:
         """Have the core apply the present limits, if it has others."""
@@ -272,9 +276,9 @@ class Daemon:
             self._apply_gate_changes()
             self._lines.losses.write_due(self.now())
             self._check_pulses()
-        due = self.central.clock.next
-        if due is not None and due <= self.now():
-            self.handle_input(Tick(self.now()))
+        clock, now = self.central.clock, self.now()
+        if clock.next is not None and now >= min(clock.next, clock.now + TICK_PERIOD):
+            self.handle_input(Tick(now))
 
     def _flush(self) -> None:
         """End a turn: write the log first, then send the messages that it records."""

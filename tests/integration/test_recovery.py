@@ -33,7 +33,7 @@ from tca_wire.journal.records import record
 from tca_wire.packets import codec
 from tca_wire.packets.headers import PROTOCOL_VERSION, AwaitPoint, Hello, Refused
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Due, Refusal
 
 STEP, WHERE, SPEED = (
     Command("step", int, result=int),
@@ -223,6 +223,30 @@ def test_run_is_kept_when_sigusr1_ends_central(robot: Robot, user: Client) -> No
     robot.central.stop()
     robot.restart()
     assert (user.command(STEP, 3).result(timeout=20), user.status()["epoch"]) == (6, epoch)
+
+
+@pytest.mark.parametrize("is_planned", [True, False])
+def test_quiet_time_before_a_restart_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, is_planned: bool
+) -> None:
+    """The run continues at the time of its end; after a crash, at the time of the last tick."""
+    folder = RunFolder(tmp_path / "journal")
+    server = Daemon(folder.central, f"ipc://{tmp_path}/c.sock")
+    folder.open(server, Sync.BATCH)
+    server._set_limits()  # the last input before the quiet time
+    monkeypatch.setattr(server, "now", lambda: 12.0)
+    if is_planned:
+        server.stop("SIGUSR1", keep=True)
+        server.serve()
+    else:
+        folder.central.clock.after(60.0, Due.GRACE, None)
+        server._run_due_work()
+        server._flush()
+        server.log = None
+    server.close()
+    folder.close()
+    run = recover(folder.path, unfinished_segments(folder.path))
+    assert run.central.clock.now == 12.0
 
 
 def test_central_without_inputs_refuses_to_keep_its_run(tmp_path: Path) -> None:
