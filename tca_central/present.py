@@ -79,6 +79,8 @@ class Waits(Present):
 
     def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
         """Add a wait that may be part of a deadlock."""
+        for number in numbers:
+            self.unblock(connection, number)  # the wait for it was brief so far
         connection.waits.update(dict.fromkeys(numbers, wait))
         self.blocked[connection] = None
         # One request is enough as a suspect: all these requests share the wait.
