@@ -66,6 +66,8 @@ class Waits(Present):
         wait = Blocking(origin, self.event_count, self.clock.now, numbers if others else ())
         if brief:
             connection.unchecked_waits.update(dict.fromkeys(numbers, wait))
+            # From now on, the slot may be lent to a task that its older waits need.
+            self.suspects.extend((connection, one) for one in connection.waits)
         else:
             self._block(connection, numbers, wait)
 
