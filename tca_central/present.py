@@ -66,6 +66,8 @@ class Waits(Present):
         wait = Blocking(origin, self.event_count, self.clock.now, numbers if others else ())
         if brief:
             connection.unchecked_waits.update(dict.fromkeys(numbers, wait))
+            # From now on, the slot may be lent to a task that its older waits need.
+            self.suspects.extend((connection, one) for one in connection.waits)
         else:
             self._block(connection, numbers, wait)
 
@@ -79,6 +81,8 @@ class Waits(Present):
 
     def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
         """Add a wait that may be part of a deadlock."""
+        for number in numbers:
+            self.unblock(connection, number)  # the wait for it was brief so far
         connection.waits.update(dict.fromkeys(numbers, wait))
         self.blocked[connection] = None
         # One request is enough as a suspect: all these requests share the wait.

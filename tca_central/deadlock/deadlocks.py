@@ -208,7 +208,7 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
         # Another handler within the wait may go on. Its own wait or end starts the next search.
         # After a restart, tasks may be paused. Then their release starts it.
         can_lend = not central.dispatcher.are_tasks_paused and any(
-            number in slot.unchecked_waits or search.is_stuck(Waiting(slot, number))
+            search.is_stuck(Waiting(slot, number))
             for number in central.dispatcher.lending.waits_of(slot)
         )
         if can_lend:

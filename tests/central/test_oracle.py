@@ -285,6 +285,19 @@ def test_lost_lock_is_reported_after_wiretaps_of_the_return() -> None:
     assert len(player.delivered("legs/2")) == 1
 
 
+def test_query_of_a_free_slot_to_itself_keeps_the_slot() -> None:
+    player = JudgedPlayer.of("planner: query where", "user")
+    player.request("user", headers.Lock, "planner", "planner", reserve=True)
+    player.send("planner/1", "where", blocking=True)
+    player.send("user", "where")
+    player.send("user", "where")
+    own, first = player.delivered("planner/1")
+    player.reply("planner/1", first)
+    assert player.delivered("planner/1") == [own]
+    player.reply("planner/1", own)
+    assert len(player.delivered("planner/1")) == 1
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:

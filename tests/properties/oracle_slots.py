@@ -188,6 +188,9 @@ def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
     job.nested, job.turn = nested, world.turns
     inside = [one for one in oracle_lending.in_slot(world, slot) if not one.frees_slot]
     job.host = inside[-1] if nested and inside else None
+    for one in inside:  # a query that a free slot asked itself has now a handler around it
+        if not nested and one.host is None:
+            one.host = job
     job.slot, job.wanted, job.waiting = slot, False, False
     oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
     if isinstance(job, Node):
