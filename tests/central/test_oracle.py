@@ -298,6 +298,17 @@ def test_query_of_a_free_slot_to_itself_keeps_the_slot() -> None:
     assert len(player.delivered("planner/1")) == 1
 
 
+def test_slot_without_handler_is_not_lent() -> None:
+    player = JudgedPlayer.of("arm: command lift", "user")
+    player.task("user", "lift")
+    player.module("legs", "command lift")
+    top = player.task("user", "lift", flags=Flags.NONE)
+    player.task("user", "lift", under=top)
+    player.receive("legs", headers.Bye())
+    player.receive("legs/1", headers.Postpone(top, False))
+    assert player.delivered("legs/1") == [top]
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
