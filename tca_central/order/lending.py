@@ -61,6 +61,7 @@ class Lending(Stored):
         for delivery in reversed(slot.handling):
             if not self.postponed.get(delivery):
                 delivery.nested = False
+                self.to_lend.append(slot)
                 return True
         return False
 

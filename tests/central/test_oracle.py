@@ -298,6 +298,29 @@ def test_query_of_a_free_slot_to_itself_keeps_the_slot() -> None:
     assert len(player.delivered("planner/1")) == 1
 
 
+def test_slot_without_handler_is_not_lent() -> None:
+    player = JudgedPlayer.of("arm: command lift", "user")
+    player.task("user", "lift")
+    player.module("legs", "command lift")
+    top = player.task("user", "lift", flags=Flags.NONE)
+    player.task("user", "lift", under=top)
+    player.receive("legs", headers.Bye())
+    player.receive("legs/1", headers.Postpone(top, False))
+    assert player.delivered("legs/1") == [top]
+
+
+def test_slot_is_lent_after_its_place_was_passed_on_twice() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "user")
+    top = player.task("user", "walk")
+    for task in (top, top + 1):
+        player.receive("planner/1", headers.Postpone(task, False))
+        player.task("planner/1", "walk", under=task)
+    player.reply("planner/1", top)
+    waiting = player.task("planner/1", "walk", under=top + 1)
+    player.reply("planner/1", top + 2)
+    assert waiting in player.delivered("planner/1")
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:

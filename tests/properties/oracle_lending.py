@@ -42,6 +42,7 @@ def lent_at_once(world: World) -> Iterator[tuple[str, list[Node]]]:
     waiting = [node for node in world.nodes.values() if node.waiting and not node.kind.is_monitor]
     for slot in world.slots:
         found = [node for node in waiting if node.noted_at == slot and _is_below(node, slot)]
+        found = [one for one in found if world.slots[slot] in oracle_slots.targets(world, one)]
         if not found or not _may_be_lent(world, slot):
             continue
         if (handler := newest_at_work(world, slot)) is not None:
