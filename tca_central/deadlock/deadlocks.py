@@ -16,6 +16,7 @@ nothing is in no cycle, because nothing waits for the connection.
 
 from contextlib import suppress
 from itertools import pairwise
+from math import inf
 
 from msgspec.structs import replace
 
@@ -40,7 +41,7 @@ from tca_central.needs.graph import (
 from tca_central.needs.waits import claim_noun, wait_for_group, waits_of
 from tca_central.order.cycles import Place
 from tca_central.order.dispatcher import Suspect
-from tca_central.order.lending import may_be_lent
+from tca_central.order.lending import MOST_IN_SLOT, may_be_lent
 from tca_central.requests.waiting import give_up
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -237,7 +238,9 @@ def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     return True
 
 
-def _find_to_lend(central: State, cycle: list[Node]) -> tuple[Task, Connection] | None:
+def _find_to_lend(
+    central: State, cycle: list[Node], most: float = MOST_IN_SLOT
+) -> tuple[Task, Connection] | None:
     """Return a task that waits for a slot of a cycle, and this slot; None if there is no such task.
 
     The slot can handle the task within its handler's wait. It does so for no other message: a
@@ -256,7 +259,7 @@ def _find_to_lend(central: State, cycle: list[Node]) -> tuple[Task, Connection] 
                     and handler.slot is slot
                     and resource is not None
                     and resource in (queued.queues or ())
-                    and may_be_lent(slot, resource)
+                    and may_be_lent(slot, resource, most)
                 ):
                     return queued, slot
                 queued = None
@@ -359,6 +362,9 @@ def describe(central: State, cycle: list[Node]) -> str:
             ] = None
     more = f"; and {len(sentences) - _SHOWN} more" if len(sentences) > _SHOWN else ""
     shown = "; ".join([*sentences][:_SHOWN])
+    if _find_to_lend(central, cycle, inf) is not None:  # only the limit keeps the task out
+        how = f"the waits are nested deeper than {MOST_IN_SLOT} in one slot"
+        return f"{how}: {shown}{more}. Handle some of these messages in another resource"
     return f"each waits for the next, in a cycle: {shown}{more}. {_remedy(cycle)}"
 
 

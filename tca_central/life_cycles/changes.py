@@ -137,7 +137,8 @@ def _change_by_client(
     step = cycle.step(task.state, name, Party.CLIENT)
     if step is None:
         _check_known(task, name, Party.CLIENT)
-        if -1 < header.serial < task.serial:  # the server was first
+        pending = cycle.grant(task.state) and cycle.is_pending(task.state, name)
+        if -1 < header.serial < task.serial and not pending:  # the server was first
             central.ignore(connection, header.number, _too_late(task, name))
             return
         raise RequestError(Refusal.TOO_LATE, _not_now(task, name, Party.CLIENT))

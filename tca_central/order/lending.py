@@ -112,10 +112,10 @@ def _handles_parents(resource: ModuleResource) -> bool:
     )
 
 
-def may_be_lent(slot: Connection, resource: ModuleResource) -> bool:
+def may_be_lent(slot: Connection, resource: ModuleResource, most: float = MOST_IN_SLOT) -> bool:
     """Whether a slot of a resource may handle one more delivery in the wait of its handler."""
     is_busy = slot in resource.slots and not resource.is_free(slot)
-    return is_busy and not resource.is_locked and len(slot.handling) < MOST_IN_SLOT
+    return is_busy and not resource.is_locked and len(slot.handling) < most
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:

@@ -97,9 +97,7 @@ class PendingUpdate:
         serial = self._request.accepted or 0  # 0: central did not make the client's transition
         if not serial:
             state = self._mirror.known_state or "about to end"
-            is_pending = self._life_cycle.is_pending(state, self._row.name)
-            late = f"it came too late, the task is {state}"
-            self._finish("another update is pending" if is_pending else late)
+            self._finish(f"it came too late, the task is {state}")
         moved_on = ""  # the state to which the server has moved on
         while self._unread and not self._is_over:
             observed = self._unread.pop()

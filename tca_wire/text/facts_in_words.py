@@ -89,7 +89,7 @@ class Wording:
 ATTACHMENT = "{handler} for [failure?{failure}|any failure][ (at most {maximum} times)]"
 
 PHRASES: dict[type, str] = {
-    facts.Opened: "segment {segment} of {epoch}, by central {central}, began {began:date}",
+    facts.Opened: "segment {segment} of {epoch}, by central {central}; time 0 is {began:date}",
     facts.Closed: "{why}",
     facts.CentralFailed: "{why}",
     facts.CentralRestarted: (

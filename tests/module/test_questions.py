@@ -22,6 +22,7 @@ from module.robot import (
 from tca_module import (
     BadData,
     Client,
+    Command,
     Failure,
     FormatRefused,
     MisuseError,
@@ -31,6 +32,7 @@ from tca_module import (
     QueryFailed,
     SentTask,
     Task,
+    TaskFailed,
     Timeout,
 )
 from tca_module.testing import LocalCentral
@@ -95,6 +97,19 @@ def test_handler_queries_its_own_resource(
         (2, True),
         (3, True),
     ]
+
+
+def test_deadlock_names_the_limit_when_waits_nest_too_deep(legs: Module, user: Client) -> None:
+    count = Command("count", int, result=int)
+
+    @legs.handles(count)
+    def counts(task: Task, depth: int) -> int:
+        return 1 + task.command(count, depth - 1).result() if depth > 1 else 1
+
+    with legs.running():
+        assert user.command(count, 20).result(SOON) == 20
+        with pytest.raises(TaskFailed, match=r"deadlock: .*nested deeper than 20"):
+            user.command(count, 21).result(SOON)
 
 
 def test_handler_fetches_reply_of_own_resource_later(legs: Module, user: Client) -> None:

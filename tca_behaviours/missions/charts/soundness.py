@@ -46,6 +46,8 @@ class _Search:
         own = sorted({exit_ for exit_ in inner if isinstance(exit_, str)} - set(ENDINGS))
         self.endings[state] = [*(ending for ending in ENDINGS if ending in inner), *own]
         timed = state.timed
+        if way := next((one for one in state.outcomes if one not in inner), None):
+            raise UnsoundMachine(f"{state!r} never ends as {way}: lead a state to it, or remove it")
         for ending in state.by_event:
             if ending not in self.endings[state] and (timed is None or ending != timed.event):
                 possible = " or ".join(self.endings[state])

@@ -105,6 +105,12 @@ def _undeclared_outcome(sm: StateMachine) -> None:
         sm.call(_search, "search").on(found="completed")
 
 
+def _outcome_that_nothing_leads_to(sm: StateMachine) -> None:
+    with sm.machine("inner", outcomes=["gone"]):
+        sm.call(_search, "search").on(found="again", lost="again")
+        sm.call(_search, "again").on(found="search", lost="search")
+
+
 def _target_like_an_outcome(sm: StateMachine) -> None:
     with sm.machine("inner", outcomes=["lost"]).on(lost="completed"):
         sm.GoTo().on(failed="losst")
