@@ -1,6 +1,7 @@
 """Durations, counts, lists and numbered things in words: one form each, everywhere."""
 
 from collections.abc import Sequence
+from math import inf
 
 _MOST_NAMES = 3
 """The number of names that a list shows; further names are only counted."""
@@ -8,6 +9,8 @@ _MOST_NAMES = 3
 
 def duration(seconds: float) -> str:
     """Return ``742 µs``, ``12.3 ms``, ``1.5 s``, ``12:05 min`` or ``33:09:06 h``."""
+    if not seconds < inf:  # infinite, or not a number
+        return f"{seconds} s"
     if seconds < 5e-7:
         return "0 s"
     for unit, size in (("µs", 1e-6), ("ms", 1e-3)):

@@ -131,10 +131,12 @@ def test_killed_handler_cleans_up_before_its_task_ends(planner: Module) -> None:
 
 def test_end_of_the_block_cancels_the_handlers(planner: Module, central: RealCentral) -> None:
     ended: list[str] = []
+    begun = asyncio.Event()
 
     @planner.handles_on_loop(REST)
     async def rest(task: AsyncTask) -> None:
         try:
+            begun.set()
             await asyncio.Event().wait()
         finally:
             await asyncio.sleep(0)
@@ -144,7 +146,7 @@ def test_end_of_the_block_cancels_the_handlers(planner: Module, central: RealCen
         async with aconnect("user", central.address) as user:
             async with planner.running_async():
                 resting = await user.goal(REST)
-                await resting.wait_for(resting.handling.start, SOON)
+                await asyncio.wait_for(begun.wait(), SOON)
             ended.append("block")
             with pytest.raises(TaskFailed, match="module lost"):
                 await resting.result(SOON)
