@@ -198,7 +198,11 @@ class Replay(Player):
     def act(self, end: End) -> None:
         """Do what an end names. Raise AssertionError if central knows nothing of this kind."""
         if end.kind is WaitKind.RUNNING:
-            runs = [one for one in may_return(self.central) if one.message_id == end.number]
+            free, attended = may_return(self.central), self.central.dispatcher.running.values()
+            slots = [one.slot for one in attended if one.message_id == end.number]
+            runs = [one for one in free if one.message_id == end.number]
+            # Its thread may still be at work with a message that was handled within its last wait.
+            runs = runs or [one for one in free if one.slot in slots]
             assert runs, f"{end} has no free handler"
             for run in runs:
                 self.answer(run)
@@ -373,6 +377,7 @@ def assert_ends_sufficient(life: Life, node: Node) -> None:
 @example(
     [("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)]
 )  # an exception handler deals with a failure
+@example([("send", 0, 0, 0), ("send", 0, 0, 0), ("wait", 0, 1, 0)])  # a message within a wait
 @given(steps)
 @settings(max_examples=lives(30, soak=5_000))
 def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:
