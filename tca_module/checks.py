@@ -372,7 +372,8 @@ class _Block(_GeneratorContextManager[Any], OnlyBlocking):
     """The context manager of a call that must be made in a ``with`` statement."""
 
     def __del__(self) -> None:
-        if inspect.getgeneratorstate(self.gen) == inspect.GEN_CREATED:
+        gen = getattr(self, "gen", None)  # None after a call with wrong arguments
+        if gen is not None and inspect.getgeneratorstate(gen) == inspect.GEN_CREATED:
             call = f"{self.func.__name__}()"
             warnings.warn(f"{call} alone does nothing: write 'with ...{call}:'", stacklevel=2)
 

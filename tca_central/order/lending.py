@@ -54,7 +54,7 @@ class Lending(Stored):
                     self.add(queued, queued.queues or ())
 
     def pass_on(self, slot: Connection) -> bool:
-        """Pass a slot on to what is still within a wait that has ended. Return False without one.
+        """Give a slot to its newest message that still needs it. Return False without one.
 
         A coroutine, or a handler that replies later, may end before a task within its wait does.
         """

@@ -29,7 +29,7 @@ def check_annotations(name: str, function: Callable[..., Any], message: Message[
         )
     except Exception:  # noqa: BLE001 - annotations may be anything, and need not be there
         return
-    if parameter == "task":
+    if parameter == "task" and names[0] != "_" and names[0] not in hints:
         raise MisuseError(
             f"{name} takes '{names[0]}' before the task: declare it with (task, data)"
         )

@@ -3,8 +3,11 @@ remedy. The snippets run with the names of this file, a central, a module and a 
 """
 
 import asyncio  # noqa: F401 - snippets use it, and names of missions
+import gc
 import re
+import sys
 import textwrap
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +28,7 @@ from tca_module import (
     Goal,
     Module,
     Query,
+    Task,
     TcaError,
     connect,
 )
@@ -413,11 +417,28 @@ def test_silent_mistake_is_warned_of(mistake: Mistake, user: Client) -> None:
     check_text(str(warning.message), mistake)
 
 
-def test_used_failures_and_usual_names_are_not_warned_of(user: Client) -> None:
-    for name in ("timeout", "late", "cup lost", "overheat", "camera error"):
-        user.command(REST, delay=100).fail(Failure(name)())
-    with user.sequence(), pytest.raises(tca_module.FailureRaised):
-        raise SLIPPED(1.0)
+def test_usual_names_and_used_blocks_are_not_warned_of(user: Client) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in ("timeout", "late", "cup lost", "overheat", "camera error"):
+            Failure(name)
+        with user.sequence(), user.parallel():
+            pass
+
+
+def test_wrong_option_of_running_is_the_only_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The check for a missing ``with`` must not fail after it."""
+    ignored: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", ignored.append)
+    with pytest.raises(TypeError, match="wrong"):
+        Module("m").running(wrong=1)  # type: ignore[call-arg]  # the mistake
+    gc.collect()
+    assert ignored == []
+
+
+def test_data_may_be_called_task() -> None:
+    @Module("m").handles(LIFT)
+    def lift(_: Task, task: float) -> None: ...
 
 
 def check_text(text: str, mistake: Mistake) -> None:
