@@ -67,6 +67,7 @@ class Programs:
         self._report = report
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._starts: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {}
+        self._stopping = threading.RLock()  # so that a check never sees a program half stopped
 
     def __enter__(self) -> Self:
         self._guard_input, self._guard_pipe = os.pipe()
@@ -142,13 +143,15 @@ class Programs:
 
     def stop(self, *names: str) -> list[int]:
         """End programs, and kill those that do not end in time. Return their exit codes."""
-        guard.stop_all({self._running[name].pid: self._grace for name in names})
-        return [self.kill(name) for name in names]
+        with self._stopping:
+            guard.stop_all({self._running[name].pid: self._grace for name in names})
+            return [self.kill(name) for name in names]
 
     def kill(self, name: str) -> int:
         """Kill a program. Return its exit code: its own if it had ended already."""
-        self._running[name].kill()
-        return self.wait(name)
+        with self._stopping:
+            self._running[name].kill()
+            return self.wait(name)
 
     def wait(self, name: str) -> int:
         """Wait for the end of a program, and kill the rest of its group. Return its exit code."""
@@ -177,9 +180,10 @@ class Programs:
 
     def check(self) -> None:
         """Raise ProgramEnded if a program ended although it was not stopped."""
-        for name, process in list(self._running.items()):
-            if process.poll() is not None:
-                raise ProgramEnded(f"{name} has ended: see {self.log(name)}")
+        with self._stopping:
+            for name, process in list(self._running.items()):
+                if process.poll() is not None:
+                    raise ProgramEnded(f"{name} has ended: see {self.log(name)}")
 
     def wait_until_handled(
         self, sender: Sender, *messages: Message[Any, Any], timeout: float = START_TIME

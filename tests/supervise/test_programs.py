@@ -5,6 +5,7 @@ import re
 import signal
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -59,6 +60,21 @@ def test_halted_program_ends_on_stop(tmp_path: Path) -> None:
         start(programs, "idle", IDLE)
         programs.halt("idle")
         assert programs.stop("idle") == [-signal.SIGINT]
+
+
+def test_program_that_is_stopped_has_not_ended_early(tmp_path: Path) -> None:
+    """It is checked all the time, from another thread."""
+    with Programs(tmp_path) as programs, ThreadPoolExecutor(1) as pool:
+
+        def stop_three_times() -> None:
+            for _ in range(3):
+                programs.start("quick", "sleep", "60")
+                programs.stop("quick")
+
+        stopped = pool.submit(stop_three_times)
+        while not stopped.done():
+            programs.check()
+        stopped.result()
 
 
 def test_program_that_ends_early_is_noticed(tmp_path: Path) -> None:
