@@ -15,6 +15,20 @@ def lives(usual: int, soak: int) -> int:
     return soak if in_the_soak else usual
 
 
+def every(number: int, items: Iterable[Any]) -> list[Any]:
+    """Return all items, as parameters. Outside the soak, only every *number*-th runs, from the first.
+
+    A tuple holds the values of several parameters.
+    """
+    return [
+        pytest.param(
+            *(item if isinstance(item, tuple) else (item,)),
+            marks=[pytest.mark.soak] if at % number else [],
+        )
+        for at, item in enumerate(items)
+    ]
+
+
 def one_in(number: int, first: Iterable[str], second: Iterable[str]) -> list[Any]:
     """Return all pairs of two lists, as parameters. Outside the soak, only one pair in *number*
     runs.

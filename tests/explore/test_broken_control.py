@@ -24,6 +24,7 @@ from explore.scenarios import (
 from explore.test_rules import crowd
 from explore.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
+from sampling import every
 
 import tca_tools.explore as tca
 from tca_central.control import steering
@@ -342,13 +343,7 @@ is_good = cache(lambda explored: explored().ok)
 """A function: whether a scenario is good before a rule is broken. Its results are kept."""
 
 
-@pytest.mark.parametrize(
-    "mutation",
-    [
-        pytest.param(one, marks=[pytest.mark.soak] * (at % 2), id=one.__name__)
-        for at, one in enumerate(BROKEN)
-    ],
-)
+@pytest.mark.parametrize("mutation", every(3, BROKEN), ids=lambda mutation: mutation.__name__)
 def test_broken_control_rule_is_found(
     monkeypatch: Patch, mutation: Callable[[Patch], None]
 ) -> None:

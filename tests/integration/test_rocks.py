@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from click.testing import CliRunner
+from sampling import lives
 
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from tca_tools.check.__main__ import check
@@ -34,6 +35,9 @@ HUGE = "3.2 0.0 2.4 1.9"
 """A rock that no leg passes, so that the walk is given up there."""
 
 UNCHECKED = ("--without", "stability", "--without", "footfall")
+
+METRES = str(lives(8, 15))
+"""The length of the walk with faults. Half of it is too short for one rule: too few steps."""
 
 LADDER = ("raise leg", "replan move", "shuffle feet", "give up")
 
@@ -109,11 +113,11 @@ def given_up(tmp_path_factory: pytest.TempPathFactory) -> Walk:
 
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """Walk fifteen metres over hills of 30 %, on which each fault occurs."""
+    """Walk over hills of 30 %, on which each fault occurs."""
     options = [text for fault in FAULTS for text in ("--fault", fault)]
     folder = tmp_path_factory.mktemp("faults")
     return walk(
-        folder, "--backend", "kinematic", "--distance", "15", "--terrain", "hills", *options
+        folder, "--backend", "kinematic", "--distance", METRES, "--terrain", "hills", *options
     )
 
 
@@ -184,6 +188,7 @@ def test_walk_is_given_up_when_no_recovery_helps(given_up: Walk) -> None:
     assert path.state in (TaskState.KILLED, TaskState.FAILED)
 
 
+@pytest.mark.soak
 def test_recoveries_are_tried_from_the_leg_up(given_up: Walk) -> None:
     assert len(given_up.named("give up")) == 1
     firsts = [min(one.id for one in given_up.named(name)) for name in LADDER]
@@ -209,6 +214,7 @@ def assert_moves_checked(history: History) -> None:
     assert after.number >= 4
 
 
+@pytest.mark.soak
 def test_walk_output_names_the_broken_rules(given_up: Walk) -> None:
     lines = given_up.output.splitlines()
     broken = {line.partition(": ")[2].partition(": ")[0] for line in lines if "broken: " in line}
@@ -261,7 +267,7 @@ def test_walk_recovers_from_every_fault(faulty: Walk) -> None:
     assert "1 of 1 amplifier trip" in faulty.output
     assert "1 of 1 unseen rock" in faulty.output
     assert "1 of 1 soft spot" in faulty.output
-    number = len(RULES_OF_TASKS) + len(RULES)
+    number = len(RULES_OF_TASKS) + len(RULES) - lives(1, 0)
     assert f"rules kept: {number} of {number}" in faulty.output
     assert "1 of 1 lost central, 2 of 2 lost module" in faulty.output
     assert all(task.state is TaskState.ACHIEVED for task in faulty.named("traverse arc"))
