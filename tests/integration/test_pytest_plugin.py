@@ -69,10 +69,12 @@ def installed(tmp_path: Path) -> Path:
 
 
 def run_pytest(installed: Path, folder: Path, *options: str) -> tuple[int, str]:
-    """Run the tests of *folder* without an inherited address of central. Return exit code and
-    report.
+    """Run the tests of *folder* as a user does: central's address and the path are not inherited.
+
+    Return exit code and report.
     """
-    environment = {name: value for name, value in os.environ.items() if name != "TCA_CENTRAL"}
+    inherited = {"TCA_CENTRAL", "PYTHONSAFEPATH"}
+    environment = {name: value for name, value in os.environ.items() if name not in inherited}
     environment["PYTHONPATH"] = f"{installed}{os.pathsep}{ROOT}"
     command = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-rA", *options)
     base = f"--basetemp={installed / 'base'}"

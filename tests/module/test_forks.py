@@ -14,6 +14,7 @@ from tca_module import Command, LaterReply, MisuseError, Module, Query, Task, co
 from tca_module.client import Client
 
 MOVE, WHERE = Command("move", int, result=int, progress=int), Query("where", reply=int)
+UNHANDLED = Query("unhandled", reply=int)
 
 held: dict[str, Any] = {}
 """The objects that a program may hold when it is forked."""
@@ -41,7 +42,7 @@ USES: list[tuple[str, Callable[[Any], Any]]] = [
 def hold(module: Module, user: Client, owed: LaterReply[int]) -> None:
     sent = user.command(MOVE, 2, suspended=True)
     held.update(module=module, user=user, owed=owed, sent=sent, changes=sent.changes())
-    held.update(asked=user.query_send(WHERE), notified=user.query_notify(WHERE, None, print))
+    held.update(asked=user.query_send(WHERE), notified=user.query_notify(UNHANDLED, None, print))
     held.update(claim=user.lock("arm"))
 
 
