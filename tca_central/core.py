@@ -251,7 +251,11 @@ class Central(State):
             connection, origin
         )
         slot = asking.slot if asking is not None else None
-        return origin if slot is not None and slot.module is connection.module else 0
+        if asking is None or slot is None or slot.module is not connection.module:
+            return 0
+        if not asking.has_begun:
+            asking.has_begun, slot.handling[asking] = True, self.event_count - 1
+        return origin
 
     def _admit_stranger(self, event: RequestReceived, number: int) -> Connection | None:
         """Handle a request of an unknown connection.

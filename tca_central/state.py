@@ -231,7 +231,7 @@ class State(Waits):
 
         A message that *is_prefetched* is in the slot already; others are sent now.
         """
-        slot.handling[delivery] = self.event_count
+        slot.handling[delivery], delivery.has_begun = self.event_count, False
         resource = slot.resource
         assert resource is not None
         # A prefetched message began when its slot became free. Central may learn of that later.

@@ -151,7 +151,7 @@ class Slot(Asker):
         Asker.__init__(self, connection_id, session, module, number)
         #: None for the module's own connection, which handles nothing.
         self.resource: ModuleResource | None = None
-        #: By delivery, oldest first: the event in which the slot got it.
+        #: By delivery, oldest first: the last event in which its handler may not have begun.
         self.handling: dict[Delivery, int] = {}
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
@@ -515,7 +515,7 @@ class Context(Protocol):
 class Queued(Stored):
     """A message's place in queues, and the slot that handles it."""
 
-    __slots__ = ("arrival", "nested", "priority", "queues", "since", "slot", "ticket")
+    __slots__ = ("arrival", "has_begun", "nested", "priority", "queues", "since", "slot", "ticket")
 
     def __init__(self) -> None:
         self.priority = 0
@@ -526,6 +526,7 @@ class Queued(Stored):
         #: The resources in whose queues it waits; () without a handler; None: in no queue.
         self.queues: tuple[ModuleResource, ...] | None = None
         self.slot: Connection | None = None  #: the connection whose thread handles it
+        self.has_begun = False  #: whether its handler has sent a request
         self.nested = False  #: whether it is beyond the capacity: in a wait, or replied to later
 
 

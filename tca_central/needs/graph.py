@@ -185,12 +185,14 @@ def is_within(central: State, wait: Blocking, delivery: Delivery) -> bool:
     """Whether a thread's wait holds back a delivery's handler: its own, or one within its waits.
 
     An older handler of the slot may wait again before a delivery within its earlier wait begins.
+    When a coroutine's thread blocks, no handler of the slot goes on.
     """
     slot = delivery.slot
     if slot is None or wait.since <= slot.handling[delivery]:
         return False
     older = central.dispatcher.running.get(wait.origin)
-    return older is None or slot.handling.get(older, wait.since) >= slot.handling[delivery]
+    began_later = older is None or slot.handling.get(older, wait.since) >= slot.handling[delivery]
+    return delivery.has_begun or began_later
 
 
 def _needs_of_turn(_: State, node: Turn, __: Each) -> Groups:

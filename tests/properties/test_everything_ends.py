@@ -159,8 +159,15 @@ waits for this exception handler.
 """
 
 
+BLOCKED_LOOP = [("send", 0, 2, 0), ("ask", 0, 2, 0), ("lock", 1, 1, 0), ("lock", 0, 1, 0)]
+"""A coroutine asks its own module a query, whose handler takes a lock. Then the coroutine blocks
+the thread of both in a wait for this lock.
+"""
+
+
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
+@example(BLOCKED_LOOP)
 @settings(max_examples=lives(40, soak=10_000))
 def test_troubled_life_ends_with_nothing_left(taken: Steps) -> None:
     assert_everything_ends(Troubled().live(taken))
