@@ -243,7 +243,7 @@ class Dispatcher(Stored):
         if delivery.nested:
             delivery.nested = False
             self.lending.to_lend.append(slot)
-            if delivery.is_task and slot.resource is not None and slot.resource.waiting:
+            if slot.resource is not None and slot.resource.waiting:
                 self._suspects.extend((slot, number) for number in slot.waits)
         elif (resource := slot.resource) is not None:
             seconds = ended - delivery.since

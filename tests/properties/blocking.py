@@ -205,11 +205,12 @@ def free_handlers(central: Central) -> list[Delivery]:
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:
     """Whether a handler waits. A coroutine waits for one of several answers; the thread of any
-    other handler blocks for one.
+    other handler blocks for one. Within that wait the thread may begin a later delivery.
     """
     return any(
         wait.origin == delivery.handling_id
         if wait.is_coroutine
         else wait.since > slot.handling[delivery]
+        and (delivery.has_begun or not 0 < wait.origin < delivery.handling_id)
         for wait in slot.waits.values()
     )

@@ -165,9 +165,23 @@ the thread of both in a wait for this lock.
 """
 
 
+ANSWERED_WITHIN = [
+    ("ask", 0, 2, 0),
+    ("send", 0, 0, 0),
+    ("send", 0, 2, 0),
+    ("ask", 0, 2, 0),
+    ("await", 0, 0, 0),
+    ("wait", 0, 1, 0),
+]
+"""A coroutine waits in a cycle that ends when its slot is lent. A query within the wait is handled
+first. The end of this query starts the next search.
+"""
+
+
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
 @example(BLOCKED_LOOP)
+@example(ANSWERED_WITHIN)
 @settings(max_examples=lives(40, soak=10_000))
 def test_troubled_life_ends_with_nothing_left(taken: Steps) -> None:
     assert_everything_ends(Troubled().live(taken))
