@@ -186,12 +186,20 @@ class RecordFold(Run):
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
         task = self._task(fact.task)
-        self._restore_failure(task)
-        task.is_recovering, task.is_dealt_with, task.is_unhandled = False, False, True
+        self._pass_over(task)
         if not fact.undecided and task.top != task.id:
             self._task(task.top).fails_by_subtask = True
         self.unhandled.setdefault(fact.task, []).append(self.time)
         self._add_exhausted(fact.task)
+
+    def _pass_over(self, task: Task) -> None:
+        """Store that no exception handler decides about a task's newest failure.
+
+        Another one may still decide about an older failure.
+        """
+        self._restore_failure(task)
+        task.is_recovering = self._is_undecided(task)
+        task.is_dealt_with, task.is_unhandled = False, True
 
     def _restore_failure(self, task: Task) -> None:
         """Restore the failure that an exception handler left undecided."""
@@ -220,10 +228,12 @@ class RecordFold(Run):
         return any(one.id in self._called_for and not one.has_ended for one in deciders)
 
     def _retried(self, fact: facts.Retried) -> None:
+        if ROOT < fact.failed != fact.task:  # the retry may spare it
+            self._pass_over(self._task(fact.failed))
         task = self._task(fact.task)
         task.is_recovering = task.is_dealt_with = task.is_unhandled = False
         if fact.fallback:  # the fallback replaces the task, which retains the failure
-            cause = self._task(fact.failed)
+            cause = self.tasks.get(fact.failed, task)
             words = cause.failure.words if cause is task else f"in {cause}: {cause.failure.words}"
             self._undecided[task.id] = Failure(cause.failure.name, words)
         if not fact.fallback or fact.failed != task.id:

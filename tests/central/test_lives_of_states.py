@@ -5,16 +5,20 @@ The invariants hold, everything ends, and observers see the states that the tabl
 
 from collections import defaultdict
 
+import pytest
 from central.test_random_lives import end_everything
+from central.transcript import PAUSABLE
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life_of_states import LifeOfStates
-from properties.oracle_states import Reference
+from properties.oracle_states import Reference, TrackedTask
 from sampling import lives
 
+from tca_wire.journal import facts
 from tca_wire.life_cycles import Effect
 from tca_wire.packets import headers
 from tca_wire.packets.parts import StateChange
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Outcome, Party
 
 
@@ -100,6 +104,21 @@ def judge_life(seed: int, events: int) -> None:
     life.go_on(seed, events)
     life.judge_observed_changes()
     end_life_of_states(life)
+
+
+def test_request_stays_open_while_an_exception_handler_decides() -> None:
+    """Another failure, raised beside the handler, remains unhandled before that decision."""
+    reference, one = Reference(), TaskId(1)
+    reference.tasks = {number: TrackedTask(PAUSABLE, b"") for number in (1, 2, 3)}
+    task = reference.tasks[one]
+    cancel = task.row("initiated", "cancel", Party.CLIENT)
+    assert cancel is not None
+    task.open.append((cancel, 1, b""))
+    reference.note([facts.Failed(one, "slipped", ""), facts.Caught(one, TaskId(2), one, 9)])
+    reference.note([facts.Caught(one, TaskId(3), one, 9, is_beside=True)])
+    reference.note([facts.Killed(TaskId(3), ""), facts.Unhandled(one)])
+    with pytest.raises(AssertionError, match="no answer"):
+        reference.note([facts.Reissued(TaskId(2)), facts.Unhandled(one)])
 
 
 @given(st.integers(0, 1 << 32))

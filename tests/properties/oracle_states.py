@@ -75,6 +75,8 @@ class Reference:
         self.accepts: set[tuple[str, str]] = set()
         self.names: dict[int, str] = {}
         self.killed_by_wish: set[int] = set()
+        #: exception handlers that did not deal with their failure; 0 stands for no handler
+        self.undecided = {0}
 
     # --- requests ---------------------------------------------------------------------------------
 
@@ -236,7 +238,9 @@ class Reference:
                 case facts.Unqueued():
                     self.recalled(fact.id)
                 case facts.Failed() if not fact.is_beside and fact.id in self.tasks:
-                    self.tasks[fact.id].has_failed = True
+                    self.tasks[fact.id].has_failed, self.tasks[fact.id].deciding = True, 0
+                case facts.Reissued() | facts.NotResolved():
+                    self.undecided.add(fact.handler)
                 case facts.Retried() | facts.Killed() | facts.Reached() if fact.task in self.tasks:
                     self.apply_other(self.tasks[fact.task], fact)
         for task in (self.tasks[number] for number in returned if number in self.tasks):
@@ -279,8 +283,8 @@ class Reference:
         if task.state != task.cycle.initial and not is_to_end:
             task.take("restarted", task.cycle.initial)
 
-    @staticmethod
     def search_ended(
+        self,
         task: TrackedTask,
         fact: facts.Caught | facts.Recovered | facts.Unhandled,
         returned: set[int],
@@ -291,7 +295,9 @@ class Reference:
         if isinstance(fact, facts.Caught):
             task.deciding = task.deciding if fact.is_beside else fact.handler
         elif task.has_failed and (
-            isinstance(fact, facts.Unhandled) or fact.handler == task.deciding
+            task.deciding in self.undecided
+            if isinstance(fact, facts.Unhandled)
+            else task.deciding == fact.handler
         ):
             task.has_failed = False
             returned.add(fact.task)
@@ -305,14 +311,16 @@ class Reference:
         task.goal = body if is_granted else task.goal
         task.take(fact.transition, "running")
 
-    @staticmethod
-    def apply_other(task: TrackedTask, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
+    def apply_other(
+        self, task: TrackedTask, fact: facts.Retried | facts.Killed | facts.Reached
+    ) -> None:
         """Note a retry, a kill or a reached point. None of them changes the task's state."""
         match fact:
             case facts.Retried():
                 task.goal, task.is_retried = fact.body or task.goal, True
             case facts.Killed():
                 task.is_killed = True
+                self.undecided.add(fact.task)
             case facts.Reached():
                 task.reached |= fact.moments
                 task.is_over = task.reached == ALL_MOMENTS

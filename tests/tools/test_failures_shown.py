@@ -42,7 +42,7 @@ from tca_wire.journal.facts import Entry
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import Condition, Outcome
+from tca_wire.vocabulary import Condition, MessageClass, Outcome
 
 Tca = Callable[..., Result]
 STEP = TaskId(2)
@@ -97,6 +97,25 @@ def test_recovering_task_names_its_exception_handler_and_wait(tca: Tca, tmp_path
     assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(
         at, whole_outline(at), ""
     )
+
+
+def test_task_recovers_though_another_failure_is_unhandled() -> None:
+    built = Story().module("legs", "move").module("expert", "recover")
+    move = built.command("move", "user", to="legs")
+    built.failed(move, "slip").rescued(move, "recover", "expert")
+    built.say(facts.Failed(move, "slip", "", is_beside=True, by="user"))
+    built.say(facts.Unhandled(TaskId(move))).at(1.0)
+    assert built.fold().tasks[TaskId(move)].state is TaskState.RECOVERING
+
+
+def test_monitor_continues_after_its_failure_retries_a_task() -> None:
+    built = Story().module("legs", "walk").module("user")
+    walk = built.goal("walk", "user", to="legs", begins=True)
+    monitor = built.received("watch", MessageClass.POLLING_MONITOR, "user", walk)
+    built.say(facts.OutlivesRetry(TaskId(monitor)))
+    built.say(facts.Failed(monitor, "slip", "", is_beside=True, by="user"))
+    built.say(facts.Retried(TaskId(walk), b"", "central", TaskId(monitor))).at(1.0)
+    assert built.fold().tasks[TaskId(monitor)].state is TaskState.HELD
 
 
 @pytest.mark.parametrize("width", [10, 40, 49, 79])
