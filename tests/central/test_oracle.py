@@ -321,6 +321,17 @@ def test_slot_is_lent_after_its_place_was_passed_on_twice() -> None:
     assert waiting in player.delivered("planner/1")
 
 
+def test_newer_wait_of_coroutine_replaces_the_older() -> None:
+    player = JudgedPlayer.of("planner: goal walk, command lift", "legs: command move", "user")
+    walk = player.task("user", "walk")
+    below = player.task("user", "move", under=walk)
+    for moment in (Moment.END_ACHIEVING, Moment.END_PLANNING):  # the second is reached already
+        player.request("planner/1", headers.AwaitPoint, point(below, moment), walk)
+        player.receive("planner/1", headers.AwaitAny(walk, [player.numbers["planner/1"]]))
+    player.task("user", "lift", under=below)
+    assert player.delivered("planner/1") == [walk]
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
