@@ -20,7 +20,7 @@ from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Failed, Killed, Received
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Attachment, WatchOptions
+from tca_wire.packets.parts import Attachment, RetryPolicy, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Role
 
@@ -330,6 +330,20 @@ def test_newer_wait_of_coroutine_replaces_the_older() -> None:
         player.receive("planner/1", headers.AwaitAny(walk, [player.numbers["planner/1"]]))
     player.task("user", "lift", under=below)
     assert player.delivered("planner/1") == [walk]
+
+
+def test_planned_kill_precedes_the_next_fallback() -> None:
+    player = JudgedPlayer.of("legs: command move", "arm: command lift", "user")
+    player.task("user", "lift")
+    once = RetryPolicy(attempts=1, fallback="lift")
+    task = TaskId(player.task("user", "move", flags=Flags.NONE, retry=once))
+    player.fail("legs/1", "slipped")
+    fallback = player.central.tree.newest
+    player.request("user", headers.Raise, task, "slipped")
+    after = point(fallback, Moment.START_HANDLING)
+    player.request("user", headers.Kill, task, after=after)
+    player.request("user", headers.Kill, TaskId(fallback))
+    assert task not in player.central.tree.tasks
 
 
 @given(operations)
