@@ -346,6 +346,18 @@ def test_planned_kill_precedes_the_next_fallback() -> None:
     assert task not in player.central.tree.tasks
 
 
+def test_fallback_that_reissued_is_killed_with_its_task() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "legs: command move", "arm: command lift")
+    player.declare("arm", "goal walk", "command move", "command nobody")
+    walk = player.task("arm", "walk", retry=RetryPolicy(attempts=2))
+    task = player.task("arm", "move", under=walk, retry=RetryPolicy(attempts=1, fallback="lift"))
+    player.fail("legs/1", "slipped")
+    fallback = player.central.tree.newest
+    player.task("arm", "nobody", under=fallback, origin=0)
+    player.fail("arm/1", "slipped", fallback, reissue=True)
+    assert not {task, fallback} & player.central.tree.tasks.keys()
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
