@@ -383,7 +383,10 @@ class Central(State):
         other tasks. Monitors come next, and all other tasks last.
         """
         waiting = self.agenda.startable
-        startable = [task for task in waiting if task.start_granted and not task.killed]
+        # A task is listed twice if it was retried after its start was granted.
+        startable = [
+            task for task in dict.fromkeys(waiting) if task.start_granted and not task.killed
+        ]
         waiting.clear()
         urgent = startable if len(startable) < 2 else _most_urgent(startable)
         if len(urgent) < len(startable):

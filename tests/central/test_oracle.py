@@ -20,7 +20,7 @@ from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Failed, Killed, Received
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Attachment, WatchOptions
+from tca_wire.packets.parts import Attachment, RetryPolicy, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Role
 
@@ -319,6 +319,43 @@ def test_slot_is_lent_after_its_place_was_passed_on_twice() -> None:
     waiting = player.task("planner/1", "walk", under=top + 1)
     player.reply("planner/1", top + 2)
     assert waiting in player.delivered("planner/1")
+
+
+def test_newer_wait_of_coroutine_replaces_the_older() -> None:
+    player = JudgedPlayer.of("planner: goal walk, command lift", "legs: command move", "user")
+    walk = player.task("user", "walk")
+    below = player.task("user", "move", under=walk)
+    for moment in (Moment.END_ACHIEVING, Moment.END_PLANNING):  # the second is reached already
+        player.request("planner/1", headers.AwaitPoint, point(below, moment), walk)
+        player.receive("planner/1", headers.AwaitAny(walk, [player.numbers["planner/1"]]))
+    player.task("user", "lift", under=below)
+    assert player.delivered("planner/1") == [walk]
+
+
+def test_planned_kill_precedes_the_next_fallback() -> None:
+    player = JudgedPlayer.of("legs: command move", "arm: command lift", "user")
+    player.task("user", "lift")
+    once = RetryPolicy(attempts=1, fallback="lift")
+    task = TaskId(player.task("user", "move", flags=Flags.NONE, retry=once))
+    player.fail("legs/1", "slipped")
+    fallback = player.central.tree.newest
+    player.request("user", headers.Raise, task, "slipped")
+    after = point(fallback, Moment.START_HANDLING)
+    player.request("user", headers.Kill, task, after=after)
+    player.request("user", headers.Kill, TaskId(fallback))
+    assert task not in player.central.tree.tasks
+
+
+def test_fallback_that_reissued_is_killed_with_its_task() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "legs: command move", "arm: command lift")
+    player.declare("arm", "goal walk", "command move", "command nobody")
+    walk = player.task("arm", "walk", retry=RetryPolicy(attempts=2))
+    task = player.task("arm", "move", under=walk, retry=RetryPolicy(attempts=1, fallback="lift"))
+    player.fail("legs/1", "slipped")
+    fallback = player.central.tree.newest
+    player.task("arm", "nobody", under=fallback, origin=0)
+    player.fail("arm/1", "slipped", fallback, reissue=True)
+    assert not {task, fallback} & player.central.tree.tasks.keys()
 
 
 @given(operations)

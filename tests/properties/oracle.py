@@ -406,8 +406,11 @@ class Oracle:
 
     def await_any(self, connection: str, header: headers.AwaitAny, _: bytes) -> None:
         (request,) = header.requests  # the lives wait for one
-        if (wait := self.world.waits.get((connection, request))) is not None:
-            wait.holds_back = header.delivery
+        for (sender, number), wait in self.world.waits.items():
+            if sender == connection and number == request:
+                wait.coroutine = header.delivery
+            elif sender == connection and wait.coroutine == header.delivery:
+                wait.coroutine = 0
 
     def give_up(self, connection: str, header: headers.GiveUp, _: bytes) -> None:
         oracle_slots.give_up(self.world, connection, header.request)

@@ -147,6 +147,8 @@ def _search(
             handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node)
             handler.failing = Trouble(node, names, at, attachment, passed)
             return handler
+    if after is not None and node.recovering is not None and node.recovering.failing is after:
+        node.recovering = None
     lineage = node.lineage()
     outer = around.failing.node.lineage() if around and around.failing else []
     is_left_behind = any(one.again and one.asking.isdisjoint(lineage) for one in outer)
@@ -239,8 +241,7 @@ def _continue_search(world: World, handler: Node) -> None:
     node = trouble.node
     if node.killed:
         return
-    if decides := node.recovering is handler:
-        node.recovering = None
+    decides = node.recovering is handler
     following = _search(world, node, trouble.names, trouble)
     if decides:
         node.recovering = following

@@ -78,7 +78,7 @@ def _awaited(world: World, handler: Job) -> list[tuple[Node, Moment]]:
         (wait.node, wait.moment)
         for (sender, _), wait in world.waits.items()
         if sender == handler.slot
-        and wait.holds_back == handler.handling_id
+        and handler.handling_id in (wait.holds_back, wait.coroutine)
         and wait.moment not in wait.node.past
     ]
 

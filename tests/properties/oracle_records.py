@@ -125,6 +125,7 @@ class Wait:
     moment: Moment
     origin: int = 0  # the delivery whose handler sent the request
     holds_back: int = 0  # the delivery whose handler does nothing else meanwhile
+    coroutine: int = 0  # the delivery whose coroutine awaits it
 
 
 @dataclass(eq=False)

@@ -26,6 +26,7 @@ from properties.oracle_records import (
     SP,
     STARTS,
     Alarm,
+    Ending,
     Family,
     Job,
     Node,
@@ -345,7 +346,7 @@ def _consider_start(
     if fired := oracle_taps.fire_before(world, node, starts):
         node.waiting &= not any(oracle_taps.is_heard(world, tap) for tap in fired)
         return True
-    if node.waiting:
+    if node.waiting or _due_kills(world):  # a kill precedes a start
         return False
     world.spared.discard(node)  # the task has been queued again
     if node.again:
@@ -417,8 +418,13 @@ def reach(world: World, node: Node, moments: set[Moment]) -> None:
 
 def _carry_out_due_kills(world: World) -> bool:
     """Carry out the kills whose point is reached."""
-    due = [ending for ending in world.endings if is_past(ending.after)]
+    due = _due_kills(world)
     for ending in due:
         world.endings.remove(ending)
         oracle_failures.end(world, ending)
     return bool(due)
+
+
+def _due_kills(world: World) -> list[Ending]:
+    """Return the planned kills whose point is reached."""
+    return [ending for ending in world.endings if is_past(ending.after)]
