@@ -61,6 +61,8 @@ class RecordFold(Run):
         """For each task, the failure that its last exception handler left undecided. The next one
         is called for this failure, not for a later one.
         """
+        self._replaced: dict[int, Failure] = {}
+        """For each task that a fallback is to replace, the failure that the fallback resolves."""
 
     def _module(self, name: str) -> ModuleRecord:
         if name not in self.modules:
@@ -177,7 +179,8 @@ class RecordFold(Run):
         calls = self._called.setdefault(fact.at, {})
         calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
         task = self._task(fact.task)
-        self._restore_failure(task)
+        # Only the fallback of a retry policy is not attached
+        self._restore_failure(task, self._undecided if fact.attachment else self._replaced)
         self._called_for[fact.handler] = fact.task, task.failure
         task.caught_by = appended(task.caught_by, fact.handler)
         if not fact.is_beside:
@@ -197,13 +200,13 @@ class RecordFold(Run):
 
         Another one may still decide about an older failure.
         """
-        self._restore_failure(task)
+        self._restore_failure(task, self._undecided)
         task.is_recovering = self._is_undecided(task)
         task.is_dealt_with, task.is_unhandled = False, True
 
-    def _restore_failure(self, task: Task) -> None:
-        """Restore the failure that an exception handler left undecided."""
-        if failure := self._undecided.pop(task.id, None):
+    def _restore_failure(self, task: Task, failures: dict[int, Failure]) -> None:
+        """Restore the failure that an exception handler left undecided, or resolves."""
+        if failure := failures.pop(task.id, None):
             self._change(task, "failure", failure)
 
     def _reopen_search(self, handler: int) -> None:
@@ -235,7 +238,9 @@ class RecordFold(Run):
         if fact.fallback:  # the fallback replaces the task, which retains the failure
             cause = self.tasks.get(fact.failed, task)
             words = cause.failure.words if cause is task else f"in {cause}: {cause.failure.words}"
-            self._undecided[task.id] = Failure(cause.failure.name, words)
+            self._replaced.setdefault(task.id, Failure(cause.failure.name, words))
+        else:
+            self._replaced.pop(task.id, None)
         if not fact.fallback or fact.failed != task.id:
             self._forget_outcome(task)
         has_other_data = fact.body not in (b"", task.body)

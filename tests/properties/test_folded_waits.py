@@ -28,8 +28,9 @@ from tca_tools.explain.waits import Node, waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags
+from tca_wire.journal.facts import Caught
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.packets.parts import Attachment, MessageFormat, RetryPolicy, WatchOptions
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -214,6 +215,31 @@ def test_retried_task_is_queued_in_folded_history() -> None:
     player.request("user", headers.Retry, TaskId(first))
     player.reply("legs/1")
     assert player.history.tasks[TaskId(first)].is_queued
+
+
+@pytest.mark.parametrize("later", [True, False])
+def test_fallback_resolves_the_failure_that_planned_it(*, later: bool) -> None:
+    player = LivePlayer()
+    player.module("legs", "goal walk", "command move", "command lift", capacity=3)
+    player.module("expert", "exception handler recover")
+    player.module("user")
+    player.declare("user", "goal walk", "command move", "command lift", "exception handler recover")
+    walk = player.task("user", "walk")
+    policy = RetryPolicy(attempts=1, failures=["slip", "stumble"], fallback="lift")
+    move = TaskId(player.task("legs", "move", under=walk, retry=policy))
+    player.request("user", headers.Attach, Attachment("", "recover"), task=move)
+    if later:  # the policy also deals with the other failure
+        player.request("user", headers.Raise, move, "slip")
+        player.request("user", headers.Raise, move, "stumble")
+        player.reply("legs/2")
+    else:  # an exception handler leaves the other failure undecided
+        player.request("user", headers.Raise, move, "burn")
+        player.fail("legs/2", "slip")
+        player.fail("expert/1", "burn", reissue=True)
+    assert player.facts(Caught)[-1].attachment == 0
+    failure = player.central.tree.tasks[move].failure
+    assert failure is not None
+    assert (failure[0], player.history.tasks[move].failure.name) == ("slip", "slip")
 
 
 @pytest.fixture
