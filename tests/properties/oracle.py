@@ -65,6 +65,7 @@ from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
 STEPS = (
+    oracle_monitors.go_on,
     oracle_failures.skip_stranded,
     oracle_monitors.start_all,
     oracle_slots.give,

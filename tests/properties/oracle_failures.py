@@ -97,7 +97,7 @@ def suspend(world: World, node: Node, *, resume: bool) -> None:
     for one in world.subtree(node):
         is_resumed, one.suspended = one.suspended and resume, not resume
         if is_resumed and one.watch is not None:
-            oracle_monitors.go_on(world, one)
+            world.resumed.append(one)
 
 
 # --- failures -------------------------------------------------------------------------------------

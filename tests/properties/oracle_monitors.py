@@ -196,10 +196,15 @@ def activate(world: World, node: Node) -> None:
         _test_as_fired(world, node)
 
 
-def go_on(world: World, node: Node) -> None:
-    """Continue a resumed monitor. If it was fired while suspended, it tests at once."""
-    if node.watch.is_on and node.watch.condition is None:
-        _test_as_fired(world, node)
+def go_on(world: World) -> bool:
+    """Continue the resumed monitors. One that was fired while suspended tests, unless the event
+    that resumed it has also killed it. Return whether any was resumed.
+    """
+    resumed, world.resumed = world.resumed, []
+    for node in resumed:
+        if node.watch.is_on and node.watch.condition is None:
+            _test_as_fired(world, node)
+    return bool(resumed)
 
 
 def _test_as_fired(world: World, node: Node) -> bool:
