@@ -179,6 +179,8 @@ class RecordFold(Run):
         task = self._task(fact.task)
         self._restore_failure(task)
         self._called_for[fact.handler] = fact.task, task.failure
+        if not fact.attachment and task.retries:  # the fallback of a retry policy
+            task.retries[-1].replaced = self.time
         task.caught_by = appended(task.caught_by, fact.handler)
         if not fact.is_beside:
             task.deciders = appended(task.deciders, fact.handler)
