@@ -476,13 +476,16 @@ def _before_restart(
     have ended and it is not suspended.
     """
     restart, found = retry.time, list[Task]()
+    held = [one.constraint for one in monitor.holds]
+    listeners = {one.before.task for one in held if one.after.moment == START_HANDLING}
     if asker is not None:
         restart = max(restart, asker.time_of(END_ACHIEVING))
     for child in children:
         for suspension in monitor.suspensions:
             if suspension.start <= restart:
                 restart = max(restart, suspension.until)
-        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.children:
+        is_later = bisect_left(monitor.children, child.id) >= retry.children
+        if child.received >= restart and is_later and child.id not in listeners:
             break
         if not child.outlives_retry:
             restart = max(restart, child.time_of(END_ACHIEVING))

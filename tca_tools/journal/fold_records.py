@@ -61,6 +61,8 @@ class RecordFold(Run):
         """For each task, the failure that its last exception handler left undecided. The next one
         is called for this failure, not for a later one.
         """
+        self._replaced: dict[int, Failure] = {}
+        """For each task that a fallback is to replace, the failure that caused this."""
 
     def _module(self, name: str) -> ModuleRecord:
         if name not in self.modules:
@@ -178,9 +180,10 @@ class RecordFold(Run):
         calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
         task = self._task(fact.task)
         self._restore_failure(task)
-        self._called_for[fact.handler] = fact.task, task.failure
         if not fact.attachment and task.retries:  # the fallback of a retry policy
             task.retries[-1].replaced = self.time
+            self._change(task, "failure", self._replaced.pop(task.id, task.failure))
+        self._called_for[fact.handler] = fact.task, task.failure
         task.caught_by = appended(task.caught_by, fact.handler)
         if not fact.is_beside:
             task.deciders = appended(task.deciders, fact.handler)
@@ -234,10 +237,12 @@ class RecordFold(Run):
             self._pass_over(self._task(fact.failed))
         task = self._task(fact.task)
         task.is_recovering = task.is_dealt_with = task.is_unhandled = False
-        if fact.fallback:  # the fallback replaces the task, which retains the failure
+        if not fact.fallback:
+            self._replaced.pop(task.id, None)
+        elif task.id not in self._replaced:  # a later failure changes nothing
             cause = self.tasks.get(fact.failed, task)
             words = cause.failure.words if cause is task else f"in {cause}: {cause.failure.words}"
-            self._undecided[task.id] = Failure(cause.failure.name, words)
+            self._replaced[task.id] = Failure(cause.failure.name, words)
         if not fact.fallback or fact.failed != task.id:
             self._forget_outcome(task)
         has_other_data = fact.body not in (b"", task.body)
