@@ -352,8 +352,10 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
     # Two retries before the next handling cause one wait
     again: dict[object, Wait] = {}
+    until = killed
     for retry in reversed(task.retries):
-        for wait in _of_retry(run, task, retry, killed):
+        until = min(until, retry.replaced)
+        for wait in _of_retry(run, task, retry, until):
             again[wait.on, wait.end] = wait
     found += again.values()
     if task.caught_by or task.is_recovering or task.changes:
@@ -380,20 +382,20 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     for the second, too (see ``moments_before``).
     """
     before, moment = hold.constraint.before, int(hold.constraint.after.moment)
-    # A listener may hold a task that has reached the moment and is handled again
-    is_again = hold.tap is not None and task.time_of(moment) < hold.added
+    # A listener or a pause may hold a task that has reached the moment and is handled again
+    is_again = task.time_of(moment) < hold.added
     last = min(task.time_of(END_ACHIEVING if is_again else moment), killed)
     other, met = run.tasks.get(before.task), -inf
     if other is not None:
         met = other.time_of(before.moment)
+    blocks = ENDS if is_again else moment
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         on = Node(other.id, int(before.moment))
-        blocks = ENDS if is_again else moment
         yield Wait(hold.added, min(met, last), kind, on, blocks, hold)
     if hold.constraint.delay:
         start, end = max(met, hold.added), min(hold.over, last)
-        yield Wait(start, end, WaitKind.DELAY, Node(task.id), moment, hold)
+        yield Wait(start, end, WaitKind.DELAY, Node(task.id), blocks, hold)
 
 
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
@@ -432,12 +434,15 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
 # --- retries --------------------------------------------------------------------------------------
 
 
-def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
-    """Yield a retried task's waits until its descendants have ended and it is handled again."""
+def _of_retry(run: Run, task: Task, retry: Retry, until: float) -> Iterator[Wait]:
+    """Yield a retried task's waits until its descendants have ended and it is handled again.
+
+    It is not handled again if it is killed or replaced first, at *until*.
+    """
     if task.time_of(START_HANDLING) >= retry.time:
         return
     begun = _start_after(task, retry)
-    over = min(begun, killed)
+    over = min(begun, until)
     asker = decider(run, retry.asker)
     if asker is not None:
         end, on = min(asker.time_of(END_ACHIEVING), over), Node(asker.id, END_ACHIEVING)
@@ -446,12 +451,7 @@ def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wai
     children = [run.tasks[number] for number in numbers]
     if task.message_class.is_monitor:
         children = _before_restart(task, retry, children, asker)
-    fallbacks = {*task.children[retry.children :]} & {*task.caught_by} if retry.fallback else ()
-    awaited = [
-        TaskId(child.id)
-        for child in children
-        if not (child.outlives_retry or child.id in fallbacks)
-    ]
+    awaited = [TaskId(child.id) for child in children if not child.outlives_retry]
     for child in blocking_tasks(run, awaited, END_ACHIEVING, retry.time):
         if child is not asker:
             start, on = max(retry.time, child.received), Node(child.id, END_ACHIEVING)
@@ -476,13 +476,16 @@ def _before_restart(
     have ended and it is not suspended.
     """
     restart, found = retry.time, list[Task]()
+    held = [one.constraint for one in monitor.holds]
+    listeners = {one.before.task for one in held if one.after.moment == START_HANDLING}
     if asker is not None:
         restart = max(restart, asker.time_of(END_ACHIEVING))
     for child in children:
         for suspension in monitor.suspensions:
             if suspension.start <= restart:
                 restart = max(restart, suspension.until)
-        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.children:
+        is_later = bisect_left(monitor.children, child.id) >= retry.children
+        if child.received >= restart and is_later and child.id not in listeners:
             break
         if not child.outlives_retry:
             restart = max(restart, child.time_of(END_ACHIEVING))

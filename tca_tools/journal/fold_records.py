@@ -181,6 +181,8 @@ class RecordFold(Run):
         task = self._task(fact.task)
         # Only the fallback of a retry policy is not attached
         self._restore_failure(task, self._undecided if fact.attachment else self._replaced)
+        if not fact.attachment and task.retries:
+            task.retries[-1].replaced = self.time
         self._called_for[fact.handler] = fact.task, task.failure
         task.caught_by = appended(task.caught_by, fact.handler)
         if not fact.is_beside:
@@ -235,12 +237,12 @@ class RecordFold(Run):
             self._pass_over(self._task(fact.failed))
         task = self._task(fact.task)
         task.is_recovering = task.is_dealt_with = task.is_unhandled = False
-        if fact.fallback:  # the fallback replaces the task, which retains the failure
+        if not fact.fallback:
+            self._replaced.pop(task.id, None)
+        elif task.id not in self._replaced:  # a later failure changes nothing
             cause = self.tasks.get(fact.failed, task)
             words = cause.failure.words if cause is task else f"in {cause}: {cause.failure.words}"
-            self._replaced.setdefault(task.id, Failure(cause.failure.name, words))
-        else:
-            self._replaced.pop(task.id, None)
+            self._replaced[task.id] = Failure(cause.failure.name, words)
         if not fact.fallback or fact.failed != task.id:
             self._forget_outcome(task)
         has_other_data = fact.body not in (b"", task.body)

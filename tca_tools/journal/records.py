@@ -5,7 +5,7 @@ are listed oldest first. All empty lists are the one object ``NONE``, because a 
 millions. ``appended`` returns a new sequence for the first element.
 """
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -63,7 +63,7 @@ PLACES_OF = [
 """The indexes for each set of moments."""
 _START_HANDLING, _START_ACHIEVING = PLACES[Moment.START_HANDLING], PLACES[Moment.START_ACHIEVING]
 _END_PLANNING, _END_ACHIEVING = PLACES[Moment.END_PLANNING], PLACES[Moment.END_ACHIEVING]
-_START, _HANDLINGS = attrgetter("start"), attrgetter("handlings")
+_START, _TIME = attrgetter("start"), attrgetter("time")
 
 
 def first_moment(moments: int) -> Moment | None:
@@ -216,7 +216,8 @@ class Raised(NamedTuple):
     """The run of a handler that raised it."""
 
 
-class Retry(NamedTuple):
+@dataclass(slots=True)
+class Retry:
     """A request that a task be handled again."""
 
     time: float
@@ -233,6 +234,8 @@ class Retry(NamedTuple):
     """The task whose failure a retry policy deals with (0: no policy wanted it)."""
     fallback: str = ""
     """The message that replaces the task, if the policy wants that."""
+    replaced: float = inf
+    """When the fallback was called in place of the next handling."""
 
 
 class Restart(NamedTuple):
@@ -520,9 +523,11 @@ class Task(Message):
         """Whether a retry was due at a time and had not started."""
         begun = bisect_right(self.handlings, time, key=_START)
         # A retry requested before the first handling has no effect of its own
-        first = bisect_left(self.retries, begun, key=_HANDLINGS)
-        due = self.retries[first : first + 1]
-        return bool(begun) and any(one.handlings == begun and one.time <= time for one in due)
+        known = bisect_right(self.retries, time, key=_TIME) if begun else 0
+        last = self.retries[known - 1] if known else None
+        if last is None or last.handlings != begun:
+            return False
+        return last.replaced == inf or time < last.replaced
 
     @property
     def state(self) -> TaskState:

@@ -137,8 +137,8 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
     """Yield a link for each retry after a failure."""
     failed = min((time for time, _ in task.failures), default=inf)
     for one in task.retries:
-        if one[0] >= failed:
-            yield Link(one[0], depth, f"{task} is {retry_in_words(run, task, one)}")
+        if one.time >= failed:
+            yield Link(one.time, depth, f"{task} is {retry_in_words(run, task, one)}")
 
 
 def _end(run: Run, task: Task, depth: int, instant: float) -> Link | None:
