@@ -40,6 +40,9 @@ def _may_be_lent(world: World, slot: str) -> bool:
 def lent_at_once(world: World) -> Iterator[tuple[str, list[Node]]]:
     """Yield each slot that is to be lent, with the queued tasks that it may handle."""
     waiting = [node for node in world.nodes.values() if node.waiting and not node.kind.is_monitor]
+    for node in waiting:
+        if oracle_slots.targets(world, node) != node.noted_for:  # it was queued elsewhere
+            note(world, node)
     for slot in world.slots:
         found = [node for node in waiting if node.noted_at == slot and _is_below(node, slot)]
         found = [one for one in found if world.slots[slot] in oracle_slots.targets(world, one)]
@@ -56,7 +59,7 @@ def note(world: World, node: Node) -> None:
     """Note at which slot a queued task may be handled within a wait: the slot of its nearest
     ancestor that has a slot of the task's resources.
     """
-    resources = oracle_slots.targets(world, node)
+    node.noted_for = resources = oracle_slots.targets(world, node)
     above = (one.slot for one in node.lineage()[1:] if one.slot)
     node.noted_at = next((slot for slot in above if world.slots.get(slot) in resources), "")
 

@@ -88,6 +88,7 @@ class Node(Job):
     asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
     policy: Any = None  # its retry policy
     noted_at: str = ""  # the slot that may handle it within a wait
+    noted_for: list[Any] = field(default_factory=list)  # its resources when that was noted
 
     @property
     def is_goal(self) -> bool:
