@@ -90,7 +90,10 @@ class Oracle:
         world.time = max(world.time, event.time)
         world.step += 1
         world.retried = []
+        if isinstance(event, RequestReceived):
+            world.unread = event.connection.decode(), getattr(event.header, "number", 0)
         oracle_rules.pass_time(world, self._settle)
+        world.unread = "", 0
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
         elif (

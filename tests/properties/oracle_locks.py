@@ -159,6 +159,8 @@ def end_deadlocks(world: World) -> bool:
     """
     any_ended = False
     while world.seen.given and is_deadlock(fact := world.seen.given[0][0]):
+        if world.seen.deadlocked[:1] == [world.unread] and isinstance(fact, facts.RequestRefused):
+            break
         del world.seen.given[0]
         any_ended = True
         if isinstance(fact, facts.ClaimEnded):

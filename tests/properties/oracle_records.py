@@ -390,6 +390,7 @@ class World:
         self.ended: set[int] = set()
         self.killed_tasks: set[int] = set()  # the killed ones of *ended*
         self.never_began: set[tuple[int, Moment]] = set()  # unreached starts of killed tasks
+        self.unread = ("", 0)  # the event's request, while timers before it are handled
         self.resumed: list[Node] = []  # monitors that were resumed in this event
         self.spared: set[Node] = set()  # unhandled exception handlers, not skipped yet
         self.retried: list[tuple[int, str]] = []  # by policies in this event, with the fallback
