@@ -185,7 +185,7 @@ def is_within(central: State, wait: Blocking, delivery: Delivery) -> bool:
     """Whether a thread's wait holds back a delivery's handler: its own, or one within its waits.
 
     An older handler of the slot may wait again before a delivery within its earlier wait begins.
-    When a coroutine's thread blocks, no handler of the slot goes on.
+    When a coroutine's thread blocks, no handler of the slot that has begun goes on.
     """
     slot = delivery.slot
     if slot is None or wait.since <= slot.handling[delivery]:

@@ -37,7 +37,7 @@ HUGE = "3.2 0.0 2.4 1.9"
 UNCHECKED = ("--without", "stability", "--without", "footfall")
 
 METRES = str(lives(8, 15))
-"""The length of the walk with faults. Half of it is too short for one rule: too few steps."""
+"""The length of the walk with faults. In 8 m there are too few steps for one of the rules."""
 
 LADDER = ("raise leg", "replan move", "shuffle feet", "give up")
 
