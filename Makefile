@@ -2,6 +2,7 @@
 # lint   format, lint, types                                          bench   what messages cost here
 # check  lint, and tests with coverage
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
+# docs   the site of the documents, in build/site
 # compiled  a wheel with central's core as machine code, in build/wheel; the tests of central with it
 PYTHON ?= python3
 BIN := .venv/bin
@@ -11,7 +12,7 @@ AT_ONCE := -n 3 --dist loadfile
 # two: what is of the soak keeps a core busy each
 IN_PAIRS := -n 2 --dist loadfile
 
-.PHONY: demo test lint check bench soak compiled clean
+.PHONY: demo test lint check bench soak docs compiled clean
 .DELETE_ON_ERROR:
 
 demo: $(READY)
@@ -34,6 +35,9 @@ bench: $(READY)
 
 soak: $(READY)
 	$(BIN)/python -m pytest -m "" --new-lives $(IN_PAIRS)
+
+docs: $(READY)
+	$(BIN)/python -m dev.site
 
 compiled: $(READY)
 	rm -rf build/wheel build/compiled

@@ -1,4 +1,4 @@
-"""The imports that packages may have: the arrows of docs/architecture.md, and the few files with
+"""The imports that packages may have: the arrows of docs/contributing/architecture.md, and the few files with
 external effects.
 """
 
@@ -349,7 +349,7 @@ def test_subpackages_import_along_the_arrows(package: str) -> None:
 
 @pytest.mark.parametrize("package", ["tca_central", "tca_module", "tca_tools", "tca_wire"])
 def test_architecture_picture_orders_subpackages_by_imports(package: str) -> None:
-    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
+    page = (ROOT / "docs/contributing/architecture.md").read_text(encoding="utf-8").splitlines()
     heads = next(line for line in page if line.startswith("tca_central  "))
     starts = [*(found.start() for found in re.finditer(r"\S+", heads)), None]
     column = heads.split().index(package)

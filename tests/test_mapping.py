@@ -1,4 +1,4 @@
-"""The counterparts in docs/tca-mapping.md exist. Each name in tables and notes is resolved, and
+"""The counterparts in docs/from/tca.md exist. Each name in tables and notes is resolved, and
 each link leads to a file.
 """
 
@@ -14,7 +14,7 @@ from tca_behaviours import missions
 from tca_behaviours.missions import charts
 
 ROOT = Path(__file__).parent.parent
-PAGE = (ROOT / "docs" / "tca-mapping.md").read_text()
+PAGE = (ROOT / "docs/from/tca.md").read_text()
 
 PACKAGES = (charts, missions, tca_module)
 
@@ -91,7 +91,7 @@ def test_each_mapped_name_exists(token: str) -> None:
 
 def test_mapping_page_links_exist() -> None:
     for link in re.findall(r"\]\(([^)#]+)\)", PAGE):
-        assert (ROOT / "docs" / link).exists(), link
+        assert (ROOT / "docs/from" / link).exists(), link
 
 
 def test_mapping_page_rows_have_three_cells() -> None:

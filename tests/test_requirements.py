@@ -1,4 +1,4 @@
-"""Each test that docs/task-state-pattern.md names for a requirement exists."""
+"""Each test that dev/records/task-state-pattern.md names for a requirement exists."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parent
-PAGE = (TESTS.parent / "docs" / "task-state-pattern.md").read_text()
+PAGE = (TESTS.parent / "dev/records/task-state-pattern.md").read_text()
 ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "| test |" not in line]
 NAMED = re.findall(r"`(\w+/\w+(?:::\w+)?)`", "\n".join(ROWS))
 

@@ -1,4 +1,4 @@
-"""Write the figures and pictures of docs/speed.md, from the results of the benchmark of messages.
+"""Write the figures and pictures of dev/records/speed.md, from the results of the benchmark of messages.
 
 python -m dev.benchmarks.messages --peers --json FILE
 python -m dev.benchmarks.speed_page FILE
@@ -15,7 +15,7 @@ from dev.benchmarks.messages.results import Comparison, Report, Standing
 from dev.benchmarks.messages.table import number, ratio_range
 from tca_tools.drawing.svg import document, rectangle, text, width_of
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
 BEGIN = "<!-- what follows is written by dev/benchmarks/speed_page.py -->"
 PICTURES = {
     "speed-messages.svg": ("Messages, as a part of what zmq.proxy does", "messages"),
@@ -101,9 +101,9 @@ def main() -> None:
             for table in report.tables
             if table.stage == stage and not table.case.startswith(SIZES)
         ]
-        (DOCS / "images" / name).write_text(picture(title, tables))
-    words = (DOCS / "speed.md").read_text().partition(BEGIN)[0].rstrip()
-    (DOCS / "speed.md").write_text("\n".join([words, "", *page(report), ""]))
+        (ROOT / "docs/images" / name).write_text(picture(title, tables))
+    words = (ROOT / "dev/records/speed.md").read_text().partition(BEGIN)[0].rstrip()
+    (ROOT / "dev/records/speed.md").write_text("\n".join([words, "", *page(report), ""]))
 
 
 if __name__ == "__main__":

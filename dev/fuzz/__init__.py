@@ -1,1 +1,1 @@
-"""Hostile bytes for all code that reads bytes from others: docs/fuzzing.md."""
+"""Hostile bytes for all code that reads bytes from others: dev/records/fuzzing.md."""

@@ -94,7 +94,7 @@ LIFE = Rule(
 )
 RESTARTED = Rule(
     "after a restart no task starts until all modules are back or lost, or the user says so",
-    "docs/reliability.md",
+    "docs/concepts/survival.md",
 )
 
 # --- handlers and resources -----------------------------------------------------------------------
@@ -139,7 +139,7 @@ RECOVERED = Rule(
     "TCM 2.10: exceptions, DoneHandling",
 )
 MISSION = Rule(
-    "a task of a mission that did not complete has failed or was killed", "docs/missions.md"
+    "a task of a mission that did not complete has failed or was killed", "docs/packages/missions.md"
 )
 RESOLVED = Rule("no failure that was only observed counts as dealt with", "decision 101")
 TAPPED = _from_manual("a wiretap sends its listener before the tapped task continues", "wiretaps")

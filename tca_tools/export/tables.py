@@ -1,4 +1,4 @@
-"""A run as tables for CSV and Parquet files; docs/exports.md lists the columns for users.
+"""A run as tables for CSV and Parquet files; docs/tools/exports.md lists the columns for users.
 
 Times are seconds on the journal's clock. None stands for a value that is unknown, has not occurred
 yet, or does not exist.

@@ -3,7 +3,7 @@
 The field order is the wire order. A header travels with a body of opaque bytes: user data as
 MessagePack, which central never decodes. First come the headers that modules send, then those of
 central. routes.py has the headers about direct messages, changes.py those about states of tasks,
-and resources.py those about locks and variables. docs/protocol.md has the bytes.
+and resources.py those about locks and variables. docs/reference/protocol.md has the bytes.
 
 ``number`` counts a connection's requests. The answer to a request has the number of the request. A
 request with number 0 wants no answer. ``origin`` is the delivery whose handler sends the request

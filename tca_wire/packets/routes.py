@@ -1,6 +1,6 @@
 """Headers between modules and central about direct messages: their routes and outcomes.
 
-headers.py lists all headers; docs/protocol.md explains the exchange.
+headers.py lists all headers; docs/reference/protocol.md explains the exchange.
 """
 
 from typing import Annotated

@@ -87,7 +87,7 @@ def test_generate_reports_a_missing_model_in_one_line(tmp_path: Path) -> None:
 
 
 def test_model_of_the_docs_is_valid() -> None:
-    page = (HERE.parent.parent / "docs" / "activities.md").read_text()
+    page = (HERE.parent.parent / "docs/packages/activities.md").read_text()
     model = model_of("docs", tomllib.loads(page.split("```toml\n")[1].split("```")[0]))
     assert list(model.instances) == ["x", "y", "panel"]
 

@@ -118,7 +118,7 @@ def test_scenario_file_imports_modules_beside_it(tmp_path: Path) -> None:
 
 
 def test_documented_counterexample_is_real_output(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/tools/explorer.md").read_text()
     code = page.partition("```python\n")[2].partition("```")[0]
     hasty = re.sub(r"task.command\(GRASP\).*", "task.command(GRASP, sequential=False)", code)
     assert hasty != code

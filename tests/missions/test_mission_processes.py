@@ -125,9 +125,9 @@ def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
 
 
 def test_missions_page_programs_run_as_printed(tmp_path: Path) -> None:
-    """Readers copy these programs from docs/missions.md."""
+    """Readers copy these programs from docs/packages/missions.md."""
     blocks = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL
+        r"```python\n(.*?)```", (ROOT / "docs/packages/missions.md").read_text(), re.DOTALL
     )
     (server,) = [block for block in blocks if ".run()" in block]
     (mission,) = [

@@ -21,7 +21,7 @@ from tca_behaviours.missions import (
 from tca_module import connect
 from tca_module.testing import LocalCentral
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs/packages"
 PATROL = "from tca_behaviours.missions import ConditionIsCompleted, ConditionVerified, Mission\n"
 UNDER_WAY = '{"steps_of":"test","version":2}\n{"step":"to the kitchen","is":"begun"}\n'
 

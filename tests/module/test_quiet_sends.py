@@ -577,7 +577,7 @@ def use_goal(user: Client) -> None:
     [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)],
 )
 def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int, back: int) -> None:
-    """These numbers are also in docs/protocol.md."""
+    """These numbers are also in docs/reference/protocol.md."""
     with CountingCentral() as central:
         legs, planner = Module("legs", central), Module("planner", central)
         legs.handles(ASK)(lambda _: 1)

@@ -12,7 +12,7 @@ from robots.office_sim.vocabulary import CupState
 from robots.office_sim.world import OfficeWorld
 
 ROBOT = Path(__file__).parents[2] / "robots" / "office_sim"
-PAGE = Path(__file__).parents[2].joinpath("docs/office.md").read_text()
+PAGE = Path(__file__).parents[2].joinpath("docs/robots/office.md").read_text()
 
 
 def count(svg: str, look: str) -> int:

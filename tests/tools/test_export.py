@@ -36,7 +36,7 @@ from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
-DOCS = Path(__file__).parents[2] / "docs" / "exports.md"
+DOCS = Path(__file__).parents[2] / "docs/tools/exports.md"
 
 
 def rows(history: History, name: str) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The table of docs/turtle.md. Each listing of the paper has a test, and a counterpart that is no
+"""The table of docs/robots/turtle.md. Each listing of the paper has a test, and a counterpart that is no
 longer than the listing.
 """
 
@@ -16,7 +16,7 @@ from tca_behaviours.missions import Environment, charts
 
 ROOT = Path(__file__).parents[2]
 TURTLE = ROOT / "robots" / "turtle_sim"
-PAGE = (ROOT / "docs" / "turtle.md").read_text()
+PAGE = (ROOT / "docs/robots/turtle.md").read_text()
 NO_CODE = {
     tokenize.COMMENT,
     tokenize.NL,

@@ -151,5 +151,5 @@ def test_items_are_divided_into_acceptable_packets(what: str) -> None:
 
 
 def test_protocol_page_names_the_current_version() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs/reference/protocol.md").read_text(encoding="utf-8")
     assert set(re.findall(r"version = (\d+)", page)) == {str(headers.PROTOCOL_VERSION)}

@@ -24,7 +24,7 @@ from tca_module import connect
 from tca_tools.journal.fold import History
 from tca_wire.coordination import TaskRole
 
-PAGE = Path(__file__).parents[2].joinpath("docs/preview-coordination.md").read_text()
+PAGE = Path(__file__).parents[2].joinpath("docs/packages/preview-coordination.md").read_text()
 TO_B = ["taking", "going to B", "arm to box B", "dropping in B", "tucking", "going back", "homing"]
 TO_C = [
     "taking",

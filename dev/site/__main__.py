@@ -1,0 +1,60 @@
+"""Build the site of the documents in build/site.
+
+Broken links, missing anchors and files, and docstrings that do not match their functions fail the
+build. Decisions are records: they are pages without navigation, and the search does not find them.
+"""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SITE = ROOT / "build" / "site"
+RECORDS = "decisions/"
+COLOUR = re.compile(r"\x1b\[[\d;]*m")
+WRONG = re.compile(r"(?:Warning|Error): (.+)\n.*\[ (\S+:\d+)", re.IGNORECASE)
+DOCSTRING = re.compile(r"griffe: .+")
+"""What Zensical and its reader of docstrings print of something wrong."""
+
+
+def build() -> str:
+    """Build the site, and return what was printed if something is wrong."""
+    done = subprocess.run(
+        [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    printed = COLOUR.sub("", done.stdout + done.stderr)
+    wrong = [f"{place}: {what}" for what, place in WRONG.findall(printed)]
+    wrong += DOCSTRING.findall(printed)
+    if done.returncode and not wrong:
+        return printed
+    if not wrong:
+        leave_out_records()
+    return "\n".join(wrong)
+
+
+def leave_out_records() -> None:
+    """Remove the records from the index of the search."""
+    index = json.loads((SITE / "search.json").read_text())
+    index["items"] = [one for one in index["items"] if not one["location"].startswith(RECORDS)]
+    text = json.dumps(index, separators=(",", ":"))
+    (SITE / "search.json").write_text(text)
+    (SITE / "search.js").write_text(f"var __index = {text}")
+
+
+def main() -> int:
+    """Build the site, and say where it is."""
+    if wrong := build():
+        print(wrong, file=sys.stderr)
+        return 1
+    print(f"{(SITE / 'index.html').relative_to(ROOT)}: open it in a browser")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,27 @@
+"""The site builds without warnings: links, anchors and quoted files exist, docstrings are whole."""
+
+import json
+
+import pytest
+
+from dev.site import __main__ as docs
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def built() -> str:
+    return docs.build()
+
+
+def test_site_builds_without_warnings(built: str) -> None:
+    assert built == ""
+
+
+def test_search_of_the_site_leaves_out_records(built: str) -> None:
+    found = {
+        one["location"] for one in json.loads((docs.SITE / "search.json").read_text())["items"]
+    }
+    assert "index.html" in found
+    assert not [place for place in found if place.startswith(docs.RECORDS)]
+    assert (docs.SITE / "decisions").is_dir()
