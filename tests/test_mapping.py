@@ -14,7 +14,7 @@ from tca_behaviours import missions
 from tca_behaviours.missions import charts
 
 ROOT = Path(__file__).parent.parent
-PAGE = (ROOT / "docs/from/tca.md").read_text()
+PAGE = "\n".join((ROOT / "docs/from" / name).read_text() for name in ("tca.md", "smach.md"))
 
 PACKAGES = (charts, missions, tca_module)
 
@@ -23,7 +23,7 @@ CELLS = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)] for row in ROWS]
 THEIRS = {
     "$TCA_CENTRAL", "--bind", "--stop", "--stop --keep", "IPC_", "-c", "-t", "SEQ_ACH", "TCM_", "async def", "bytes", "fail", "module lost",
     "raise COLLISION(height)", "release()", r"reply=Pose \| None", "tca", "tca_module", "timeout", "unlock", "with",
-    "x_ipc", "{int, [double:3]}",
+    "x_ipc", "LocalCentral", "tca_behaviours.missions", "tca_behaviours.missions.charts", "tca_central", "tca_daemon", "{int, [double:3]}",
 }  # fmt: skip
 """Words of TCA and TCM, of Python and command lines, and parts of names that are given in full
 nearby.

@@ -10,8 +10,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+from dev.site import drawings
+
 ROOT = Path(__file__).parents[2]
 SITE = ROOT / "build" / "site"
+PARTS = ROOT / "build" / "parts"
+"""Generated parts of pages, which the pages quote."""
 RECORDS = "decisions/"
 COLOUR = re.compile(r"\x1b\[[\d;]*m")
 WRONG = re.compile(r"(?:Warning|Error): (.+)\n.*\[ (\S+:\d+)", re.IGNORECASE)
@@ -21,6 +25,7 @@ DOCSTRING = re.compile(r"griffe: .+")
 
 def build() -> str:
     """Build the site, and return what was printed if something is wrong."""
+    drawings.write(PARTS / "drawings")
     done = subprocess.run(
         [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
         cwd=ROOT,

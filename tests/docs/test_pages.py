@@ -50,7 +50,7 @@ def test_program_of_a_page_runs_as_printed(block: Block, tmp_path: Path) -> None
 @pytest.mark.parametrize(("where", "words"), COMMANDS, ids=[where for where, _ in COMMANDS])
 def test_command_of_a_page_exists(where: str, words: str) -> None:
     """Find the command, its subcommands and its options, without running it."""
-    _, *rest = shlex.split(words.split(" | ")[0].split(" > ")[0])
+    _, *rest = shlex.split(words.split(" | ", maxsplit=1)[0].split(" > ", maxsplit=1)[0])
     command: click.Command = main
     context = click.Context(main)
     while rest and isinstance(command, click.Group) and not rest[0].startswith("-"):
@@ -70,3 +70,13 @@ def test_examples_quoted_by_pages_are_the_examples() -> None:
     quoted = {found["file"] for found in QUOTE.finditer(texts)}
     examples = {path.name for path in (ROOT / "examples").glob("*.py")}
     assert {name for name in examples if name not in quoted and name not in texts} == set()
+
+
+def test_pictures_of_pages_exist_and_are_used() -> None:
+    named = {
+        (page.parent / name).resolve()
+        for page in PAGES
+        for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text())
+    }
+    assert {str(path) for path in named if not path.is_file()} == set()
+    assert {path for path in (ROOT / "docs/images").iterdir() if path not in named} == set()

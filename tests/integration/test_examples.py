@@ -40,9 +40,3 @@ def test_example_prints_the_expected_lines(path: Path, tmp_path: Path) -> None:
         for row in range(2):
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
 
-
-def test_readme_quotes_the_first_example() -> None:
-    code = (EXAMPLES / "01_fetch.py").read_text().partition('"""\n\n')[2]
-    readme = (EXAMPLES.parent / "README.md").read_text()
-    assert readme.partition("```python\n")[2].partition("```")[0] == code
-    assert readme.partition(code)[2].split("```\n")[2] == (PRINTED / "01_fetch.txt").read_text()
