@@ -1,7 +1,7 @@
 """The world outside of all processes, which no crash affects: the runs of handlers, and the
 promises made to users.
 
-Every message carries a token of its own as data. The promises are those of docs/concepts/survival.md. No
+Every message carries a token of its own as data. The promises are those of dev/records/promises.md. No
 acknowledged task is lost, and no command starts twice without notice. Constraints hold, locks
 exclude handlers, and each result is one that a handler returned.
 """
