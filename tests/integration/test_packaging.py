@@ -14,6 +14,8 @@ import tarfile
 from pathlib import Path
 
 import pytest
+from docs.examples import EXAMPLES, agrees
+from docs.pages import PROGRAMS, Block, blocks
 from processes import central
 
 ROOT = Path(__file__).parents[2]
@@ -120,20 +122,50 @@ def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: Path) -> None:
-    """``pip install .`` builds the wheel that is installed here. The other lines run as the README
-    prints them.
+def test_readme_program_works_with_the_installed_wheel(python: Path, tmp_path: Path) -> None:
+    """``pip install .`` builds the wheel that is installed here. Program, output and tree are those
+    that the README prints.
     """
-    tca, readme = python.with_name("tca"), (ROOT / "README.md").read_text()
+    tca = python.with_name("tca")
     assert run(tca, "--version", cwd=tmp_path).startswith("tca, version ")
-    assert re.findall(r"^\$ (.*)$", readme, re.MULTILINE) == ["pip install .", "tca central"]
-    program, printed, tree = re.findall(r"^```\w*\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)[
-        1:4
-    ]
+    install, program, printed, tree = [block.text for block in blocks(ROOT / "README.md")]
+    assert install.splitlines()[-1] == "$ tca central"
+    assert program.splitlines()[-1].count(".result()") == 1
     with central(tmp_path, command=(str(tca), "central")) as daemon:
         output = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
     assert output == printed
     assert rows_of(run(tca, "tree", daemon.journal, cwd=tmp_path)) == rows_of(tree)
+
+
+@pytest.mark.soak
+@pytest.mark.slow
+def test_readme_installs_as_printed(tmp_path: Path) -> None:
+    """Run the lines in a copy of the checkout."""
+    for name in run("git", "ls-files", cwd=ROOT).split():
+        if (ROOT / name).is_file():
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, tmp_path / name)
+    first, second, _ = next(blocks(ROOT / "README.md")).text.replace("$ ", "").splitlines()
+    assert " central " in run("sh", "-ec", f"{first}\n{second}\ntca --help", cwd=tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.slow
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_example_runs_with_the_installed_wheel(path: Path, python: Path, tmp_path: Path) -> None:
+    with central(tmp_path) as daemon:
+        output = run(python, path, cwd=tmp_path, TCA_CENTRAL=daemon.address)
+    assert agrees(path.stem, output), output
+
+
+@pytest.mark.soak
+@pytest.mark.slow
+@pytest.mark.parametrize("block", PROGRAMS, ids=[block.where for block in PROGRAMS])
+def test_page_program_runs_with_the_installed_wheel(
+    block: Block, python: Path, tmp_path: Path
+) -> None:
+    with central(tmp_path) as daemon:
+        run(python, "-c", block.text, cwd=tmp_path, TCA_CENTRAL=daemon.address)
 
 
 def rows_of(tree: str) -> list[str]:

@@ -106,6 +106,8 @@ def drawn(dice: random.Random) -> Options:
         features=frozenset(one for one in FEATURES if some() < 0.5),
         checks_each=dice.choice((1, 16, 16, 64)),
     )
-    if options.is_lossy:  # a forgotten release leaves a lock without a holder: dev/records/promises.md
+    if (
+        options.is_lossy
+    ):  # a forgotten release leaves a lock without a holder: dev/records/promises.md
         options.features -= {"lock"}
     return options
