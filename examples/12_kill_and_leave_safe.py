@@ -1,33 +1,24 @@
 """Kill a running task and leave the robot safe.
 
-The kill cancels the running handler cooperatively. Then a termination message retracts the drill.
+The kill ends the handler's sleep. Then central sends the termination message.
 """
 
-import threading
-import time
+from tca_module import Command, Module, Task, connect
 
-from tca_module import Command, Goal, Module, Task
+DRILL, RETRACT = Command("drill"), Command("retract the drill")
+DRIVE_ON = Command("drive on")
 
-DIG, DRILL = Goal("dig"), Command("drill")
-RETRACT, DRIVE_ON = Command("retract the drill"), Command("drive on")
-
-planner, drill, wheels = Module("planner"), Module("drill"), Module("wheels")
-drilling = threading.Event()
-
-
-@planner.handles(DIG)
-def dig(task: Task) -> None:
-    task.on_termination(RETRACT)
-    task.command(DRILL)
+drill, wheels = Module("drill"), Module("wheels")
 
 
 @drill.handles(DRILL)
 def run_drill(task: Task) -> None:
+    task.on_termination(RETRACT)  # sent if this task is killed
     print("drilling")
-    drilling.set()
-    while not task.cancelled:
-        time.sleep(0.01)
-    print("drilling was cancelled")
+    try:
+        task.sleep(60)  # raises TaskKilled after a kill
+    finally:
+        print("drilling was cancelled")
 
 
 # RETRACT is sent at once. It waits for the end of the drilling, because the drill handles one
@@ -43,10 +34,10 @@ def drive_on(_: Task) -> None:
 
 
 if __name__ == "__main__":
-    with planner.running(), drill.running(), wheels.running():
-        digging = planner.goal(DIG)
-        going = planner.command(DRIVE_ON)  # starts when the digging ends, whatever its outcome
-        drilling.wait(10)
-        digging.kill("hit bedrock")
-        going.wait(timeout=10)
-        print("digging was", digging.wait())
+    with drill.running(), wheels.running(), connect("operator") as operator:
+        drilling = operator.command(DRILL)
+        driving = operator.command(DRIVE_ON)  # starts after the drilling, whatever its outcome
+        drilling.wait_for_state("running", timeout=10)
+        drilling.kill("hit bedrock")
+        driving.wait(timeout=10)
+        print("drilling was", drilling.wait())

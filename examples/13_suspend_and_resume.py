@@ -1,14 +1,10 @@
 """Suspend and resume a walk: the running step finishes, the next step starts after the resume."""
 
-import threading
-import time
-
-from tca_module import Command, Goal, Module, Task
+from tca_module import Command, Goal, Module, Task, connect
 
 WALK, STEP = Goal("walk", int), Command("step", int)
 
 planner, legs = Module("planner"), Module("legs")
-stepping = threading.Event()
 
 
 @planner.handles(WALK)
@@ -19,21 +15,20 @@ def walk(task: Task, steps: int) -> None:
 
 @legs.handles(STEP)
 def step(task: Task, number: int) -> None:
-    stepping.set()
-    while number == 1 and not task.suspended:  # the step takes until the suspension
-        time.sleep(0.01)
-    print(f"step {number}{', while suspended' if task.suspended else ''}")
+    print("step", number)
+    while number == 1 and not task.suspended:  # the first step lasts until the suspension
+        task.sleep(0.01)
+    print("end of step", number)
 
 
 if __name__ == "__main__":
-    with planner.running(), legs.running():
-        walking = planner.goal(WALK, 3)
-        stepping.wait(10)
+    with planner.running(), legs.running(), connect("operator") as operator:
+        walking = operator.goal(WALK, 2)
         walking.wait_for(walking.handling.end)  # all steps have been sent
-        first, second, _ = walking.children(STEP)
+        first, second = walking.children(STEP)
+        first.wait_for_state("running", timeout=10)
         walking.suspend()
-        walking.wait_for(first.achieving.end, timeout=10)
-        info = second.info()
-        print("the second is", "held" if info and info.suspended and not info.module else "lost")
+        first.wait(timeout=10)
+        print("while suspended, step 2 is", second.state)
         walking.resume()
         print("the walk is", walking.wait(timeout=10))

@@ -3,13 +3,11 @@
 TDL says ``spawn with wait`` and POSTPONE.
 """
 
-from tca_module import Command, Goal, LaterReply, Module, Task
-from tca_module.testing import LocalCentral
+from tca_module import Command, Goal, LaterReply, Module, Task, connect
 
 WALK, STEP, STAND, PHOTO = Goal("walk", int), Command("step", int), Goal("stand"), Command("photo")
 
-central = LocalCentral()
-legs = Module("legs", central)  # one resource with one slot
+legs = Module("legs")  # one resource with one slot
 standing: list[LaterReply[None]] = []
 
 
@@ -38,9 +36,9 @@ def photo(_: Task) -> None:
 
 
 if __name__ == "__main__":
-    with central, legs.running():
-        legs.goal(WALK, 2).wait()
-        still = legs.goal(STAND)
-        legs.command(PHOTO, sequential=False).wait()
+    with legs.running(), connect("user") as user:
+        user.goal(WALK, 2).wait()
+        still = user.goal(STAND)
+        user.command(PHOTO, sequential=False).wait()
         still.wait()
         print("done")

@@ -1,22 +1,11 @@
-"""A scanner locks the controller of the body, so that moves wait until the scan is done.
+"""A scanner locks the controller of the body, so that moves wait until the scan is done."""
 
-Output::
+from tca_module import Command, Module, Task, connect
 
-    scan
-    scanned
-    move 1
-"""
-
-import threading
-
-from tca_module import Command, Module, Query, Task, connect
-from tca_module.testing import LocalCentral
-
-SCAN = Query("scan", reply=str)
+SCAN = Command("scan", result=str, progress=str)
 MOVE = Command("move", int)
 
 scanner, controller = Module("scanner"), Module("controller")
-scanning, seen = threading.Event(), threading.Event()
 
 
 @scanner.handles(SCAN)
@@ -24,8 +13,8 @@ def scan(task: Task) -> str:
     # Waits for a running move. No other move starts before the end of the block.
     with task.lock("controller", timeout=5.0):
         print("scan")
-        scanning.set()
-        seen.wait(5)
+        task.report("locked")
+        task.sleep(0.2)
         print("scanned")
     return "a map"
 
@@ -36,12 +25,9 @@ def move(_: Task, number: int) -> None:
 
 
 if __name__ == "__main__":
-    with LocalCentral() as central:
-        scanner.central = controller.central = central
-        with scanner.running(), controller.running(), connect("user", central) as user:
-            asked = user.query_send(SCAN)
-            scanning.wait(5)
-            moving = user.command(MOVE, 1)  # waits in the controller's queue
-            seen.set()
-            moving.result(5)
-            asked.receive()
+    with scanner.running(), controller.running(), connect("user") as user:
+        scanning = user.command(SCAN)
+        next(scanning.progress(str, timeout=10))  # the scan has the lock
+        moving = user.command(MOVE, 1, sequential=False)  # waits in the controller's queue
+        moving.result(timeout=10)
+        print("result:", scanning.result(timeout=10))
