@@ -1,16 +1,4 @@
-"""A machine of tasks and Python states: try to grasp, count, and give up after three times.
-
-Two servers offer the tasks. User data pass from state to state. Both eyes look together, and the
-outcome map says what their endings mean. ``after`` ends a wait that takes too long.
-
-Output::
-
-    look from both sides
-    grasp at 0.3
-    grasp at 0.2
-    grasp at 0.1
-    given up after 3 grasps
-"""
+"""A machine of tasks and Python states: it counts its grasps, and gives up after the third."""
 
 from tca_behaviours.missions import Environment, Mission, OnceTask, TaskServer, parameter
 from tca_behaviours.missions.charts import FromData, StateMachine, UserData, state
