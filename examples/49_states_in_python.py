@@ -5,13 +5,14 @@ from tca_behaviours.missions.charts import FromData, StateMachine, UserData, sta
 
 
 class Look(OnceTask[Environment]):
-    """Look for the cup from one side."""
+    """Look for the cup with one eye."""
 
-    side: str = parameter("left", "Where to look from")
+    eye: str = parameter("left", "Which eye")
 
     def iterate(self) -> None:
-        if self.side == "right":
+        if self.eye == "right":
             raise self.failed("too dark")
+        print("the left eye sees the cup")
 
 
 class Grasp(OnceTask[Environment]):
@@ -32,15 +33,17 @@ def count(data: UserData) -> str:
 
 
 with StateMachine("fetch", outcomes=["given up"]) as fetch:
-    fetch.call(lambda _: print("look from both sides"), "begin").on(completed="look")
     with fetch.concurrence(
         "look",
         until="all ended",
-        outcome_map={"seen": {"left": "completed"}, "sure": {"right": "completed"}},
+        outcome_map={
+            "seen by both": {"left": "completed", "right": "completed"},
+            "seen by one": {"left": "completed"},
+        },
         default="failed",
-    ).on(seen="grasp", sure="grasp"):
-        fetch.Look("left", side="left", foreground=False)
-        fetch.Look("right", side="right", foreground=False)
+    ).on(**{"seen by both": "grasp", "seen by one": "grasp"}):
+        fetch.Look("left", eye="left", foreground=False)
+        fetch.Look("right", eye="right", foreground=False)
     fetch.Grasp("grasp", server="arm", height=FromData("height")).after(0.1, "count")
     fetch.call(count).on(again="grasp", enough="given up")
 
