@@ -41,6 +41,7 @@ def serve(central: LocalCentral, coordinator: Coordinator, *, coffee: bool) -> C
         task.sleep(0.3)
         task.set_variable(WANTS_COFFEE, coffee)
         print("the guest wants", "coffee" if coffee else "tea")
+        task.sleep(0.3)  # the waiter walks back
 
     @robot.handles(MAKE, resource="stove")
     def make(_: Task, drink: str) -> None:

@@ -163,7 +163,7 @@ def test_table_of_seeds_is_reproducible(
 
 
 @pytest.mark.soak
-def test_table_of_the_record_is_current_and_previews_never_cost_time() -> None:
+def test_recorded_table_is_current_and_no_preview_costs_time() -> None:
     rows = list(compare(20))
     assert "\n".join([TABLE_HEAD, *map(row, rows), "", summary(rows)]) in RECORD
     assert all(one.speed_up > 1 for one in rows)

@@ -1,4 +1,4 @@
-"""The mission of the page about steps also resumes after a kill."""
+"""The mission of example 81 also resumes after a kill."""
 
 import runpy
 from pathlib import Path
@@ -17,7 +17,7 @@ KILLED_IN_ROUND_1 = """\
 
 
 @pytest.mark.slow
-def test_killed_patrol_is_resumed_and_still_interrupted_by_rain(
+def test_killed_patrol_resumes_and_ends_by_rain(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = runpy.run_path(str(EXAMPLE))
