@@ -1,13 +1,4 @@
-"""A task server offers tasks as classes with parameters.
-
-A mission runs them, or ``tca send oven.Heat target=60 --wait``. Output::
-
-    20 degrees
-    switched off
-    heated to 26 degrees
-    switched off
-    Heat {4}: timeout: it ran for 0.1 s: ...
-"""
+"""A task server offers the tasks of an oven, as classes with parameters. A mission runs them."""
 
 from tca_behaviours.missions import (
     Environment,
@@ -42,22 +33,20 @@ class Heat(PeriodicTask[Oven]):
         self.report(f"heated to {self.env.degrees:g} degrees")
         return Status.COMPLETED if self.env.degrees >= self.target else Status.RUNNING
 
-    def terminate(self) -> None:
+    def terminate(self) -> None:  # called however the run ends
         self.env.power = 0.0
         print("switched off")
 
 
 class Measure(OnceTask[Oven]):
-    """Say how hot it is."""
+    """Report how hot it is."""
 
     def iterate(self) -> None:
         self.report(f"{self.env.degrees:g} degrees")
 
 
-server = TaskServer("oven", Oven(), tasks=[Heat, Measure], rate=50.0)
-
-
 if __name__ == "__main__":
+    server = TaskServer("oven", Oven(), tasks=[Heat, Measure], rate=50.0)
     with server.running(), Mission("oven") as mission:
         print(mission.Measure().text)
         print(mission.Heat(target=26.0).text)

@@ -1,12 +1,4 @@
-"""A mission runs the tasks of a cart until a condition interrupts it: it rains.
-
-Output::
-
-    at 2 m
-    at 6 m
-    at 1 m
-    it rains
-"""
+"""A mission lets a cart drive to and fro until it rains."""
 
 from tca_behaviours.missions import (
     ConditionIsCompleted,
@@ -29,17 +21,18 @@ class Drive(PeriodicTask[Cart]):
 
     goal: float = parameter(0.0, "Where to, in metres", minimum=0, maximum=10)
 
-    def iterate(self) -> Status:
+    def iterate(self) -> Status:  # called 50 times a second until it returns COMPLETED
         if self.env.place == self.goal:
             print(f"at {self.goal:g} m")
             self.env.trips += 1
             return Status.COMPLETED
-        self.env.place += 0 if self.env.trips == 3 else max(-1, min(1, self.goal - self.env.place))
+        if self.env.trips < 3:  # it rains after the third trip
+            self.env.place += max(-1, min(1, self.goal - self.env.place))
         return Status.RUNNING
 
 
 class WaitForRain(PeriodicTask[Cart]):
-    """Wait until it rains: after three trips."""
+    """Wait until it rains."""
 
     def iterate(self) -> Status:
         return Status.COMPLETED if self.env.trips == 3 else Status.RUNNING

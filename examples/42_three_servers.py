@@ -1,12 +1,4 @@
-"""One mission runs the tasks of three servers, until a variable of central interrupts it.
-
-Output::
-
-    truck at 3 m and crane lifted
-    loaded
-    the battery is low
-    at 0 m
-"""
+"""One mission runs the tasks of three servers until the battery is low."""
 
 from tca_behaviours.missions import (
     ConditionVerified,

@@ -1,15 +1,4 @@
-"""A patrol as a state machine: drive round until a background task sees an intruder.
-
-The machine is a task: ``tca view`` draws it with its active states. ``patrol.draw("patrol.svg")``
-draws it without running it.
-
-Output::
-
-    drive to the gate
-    drive to the pond
-    drive to the gate
-    an intruder: lights on
-"""
+"""A patrol as a state machine: drive round until a background task sees an intruder."""
 
 from tca_behaviours.missions import (
     Environment,

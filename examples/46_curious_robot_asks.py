@@ -1,11 +1,4 @@
-"""Three kinds of tasks with one life cycle: a robot points at a thing and asks for its name.
-
-The first case study of Lütkebohle et al., "The Task-State Pattern" (figure 13). Output::
-
-    the first question: accepted
-    the second question: rejected, dialog is busy
-    the thing is a banana
-"""
+"""A robot points at a thing and asks for its name. Its dialog has time for one question only."""
 
 import threading
 

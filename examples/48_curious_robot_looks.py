@@ -1,13 +1,4 @@
-"""A robot's gaze observes its tasks: it looks at the face it talks to, and the thing it grasps.
-
-Dialog and arm know nothing of the gaze. The third case study of Lütkebohle et al., "The Task-State
-Pattern" (figure 15). Output::
-
-    rejected: nobody is there
-    looks at a face at 0, 1.7
-    it is a banana
-    looks at a thing at 0.4, 0.1
-"""
+"""A gaze observes the tasks of others. It looks at the face and at the thing that they name."""
 
 from dataclasses import dataclass
 from queue import Queue

@@ -1,29 +1,18 @@
-"""A machine of tasks and Python states: try to grasp, count, and give up after three times.
-
-Two servers offer the tasks. User data pass from state to state. Both eyes look together, and the
-outcome map says what their endings mean. ``after`` ends a wait that takes too long.
-
-Output::
-
-    look from both sides
-    grasp at 0.3
-    grasp at 0.2
-    grasp at 0.1
-    given up after 3 grasps
-"""
+"""A machine of tasks and Python states: it counts its grasps, and gives up after the third."""
 
 from tca_behaviours.missions import Environment, Mission, OnceTask, TaskServer, parameter
 from tca_behaviours.missions.charts import FromData, StateMachine, UserData, state
 
 
 class Look(OnceTask[Environment]):
-    """Look for the cup from one side."""
+    """Look for the cup with one eye."""
 
-    side: str = parameter("left", "Where to look from")
+    eye: str = parameter("left", "Which eye")
 
     def iterate(self) -> None:
-        if self.side == "right":
+        if self.eye == "right":
             raise self.failed("too dark")
+        print("the left eye sees the cup")
 
 
 class Grasp(OnceTask[Environment]):
@@ -44,15 +33,17 @@ def count(data: UserData) -> str:
 
 
 with StateMachine("fetch", outcomes=["given up"]) as fetch:
-    fetch.call(lambda _: print("look from both sides"), "begin").on(completed="look")
     with fetch.concurrence(
         "look",
         until="all ended",
-        outcome_map={"seen": {"left": "completed"}, "sure": {"right": "completed"}},
+        outcome_map={
+            "seen by both": {"left": "completed", "right": "completed"},
+            "seen by one": {"left": "completed"},
+        },
         default="failed",
-    ).on(seen="grasp", sure="grasp"):
-        fetch.Look("left", side="left", foreground=False)
-        fetch.Look("right", side="right", foreground=False)
+    ).on(**{"seen by both": "grasp", "seen by one": "grasp"}):
+        fetch.Look("left", eye="left", foreground=False)
+        fetch.Look("right", eye="right", foreground=False)
     fetch.Grasp("grasp", server="arm", height=FromData("height")).after(0.1, "count")
     fetch.call(count).on(again="grasp", enough="given up")
 

@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from ast import literal_eval
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from tca_behaviours.activities.models.command import generate
 from tca_behaviours.activities.models.dot import model_dot
-from tca_behaviours.activities.models.reading import model_of, read_model
+from tca_behaviours.activities.models.reading import read_model
 from tca_tools.errors import BadUserFile
 
 HERE = Path(__file__).parent
@@ -86,9 +85,8 @@ def test_generate_reports_a_missing_model_in_one_line(tmp_path: Path) -> None:
     )
 
 
-def test_model_of_the_docs_is_valid() -> None:
-    page = (HERE.parent.parent / "docs/packages/activities.md").read_text()
-    model = model_of("docs", tomllib.loads(page.split("```toml\n")[1].split("```")[0]))
+def test_model_of_the_examples_is_valid() -> None:
+    model = read_model(HERE.parent.parent / "examples/joint.toml")
     assert list(model.instances) == ["x", "y", "panel"]
 
 

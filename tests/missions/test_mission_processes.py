@@ -1,7 +1,5 @@
 """Missions in their own processes, which are killed and resumed."""
 
-import contextlib
-import re
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,7 +16,6 @@ from tca_module import connect
 pytestmark = pytest.mark.slow
 
 SOON = 30.0
-ROOT = Path(__file__).parents[2]
 TRIP = """
     import signal
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -122,29 +119,3 @@ def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
             assert process.returncode != 0
         assert {"stands at 2", "watched"} <= set(robot.done)
         assert tasks_of(address) == []
-
-
-def test_missions_page_programs_run_as_printed(tmp_path: Path) -> None:
-    """Readers copy these programs from docs/packages/missions.md."""
-    blocks = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs/packages/missions.md").read_text(), re.DOTALL
-    )
-    (server,) = [block for block in blocks if ".run()" in block]
-    (mission,) = [
-        block
-        for block in blocks
-        if block.startswith("from tca_behaviours.missions import Mission\n")
-    ]
-    with RealCentral(f"ipc://{tmp_path}/central.sock") as central, contextlib.ExitStack() as stack:
-        serving = stack.enter_context(program(server, central.address))
-        going = stack.enter_context(program(mission, central.address))
-        assert [serving.stdout.readline() for _ in range(3)] == [
-            f"stopped at {place} m\n" for place in ("1", "0.5", "1")
-        ]
-        going.send_signal(signal.SIGINT)
-        going.communicate(timeout=SOON)
-        until(
-            lambda: not any("cart." in task for task in tasks_of(central.address)),
-            "nothing runs",
-            SOON,
-        )

@@ -24,7 +24,7 @@ from tca_module import connect
 from tca_tools.journal.fold import History
 from tca_wire.coordination import TaskRole
 
-PAGE = Path(__file__).parents[2].joinpath("docs/packages/preview-coordination.md").read_text()
+RECORD = Path(__file__).parents[2].joinpath("dev/records/preview-coordination.md").read_text()
 TO_B = ["taking", "going to B", "arm to box B", "dropping in B", "tucking", "going back", "homing"]
 TO_C = [
     "taking",
@@ -154,7 +154,7 @@ def test_table_of_seeds_is_reproducible(
     monkeypatch.setattr("sys.argv", ["youbot_sim", "--seeds", "1"])
     assert main() == 0
     table, end = capsys.readouterr().out.split("\n\n")
-    assert table in PAGE
+    assert table in RECORD
     assert end.startswith("Speed-up")
     monkeypatch.setattr("sys.argv", ["youbot_sim", "--seeds", "0"])
     with pytest.raises(SystemExit):
@@ -163,9 +163,9 @@ def test_table_of_seeds_is_reproducible(
 
 
 @pytest.mark.soak
-def test_docs_table_is_current_and_previews_never_cost_time() -> None:
+def test_recorded_table_is_current_and_no_preview_costs_time() -> None:
     rows = list(compare(20))
-    assert "\n".join([TABLE_HEAD, *map(row, rows), "", summary(rows)]) in PAGE
+    assert "\n".join([TABLE_HEAD, *map(row, rows), "", summary(rows)]) in RECORD
     assert all(one.speed_up > 1 for one in rows)
 
 
