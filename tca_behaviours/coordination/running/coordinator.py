@@ -214,8 +214,8 @@ class Coordinator:
         return None
 
     def _watch_variable(self, module: Module, variable: Variable[Any], resource: str) -> None:
-        def on_value(_: Task, value: Any) -> None:
+        def on_value(_: Task, __: Any) -> None:
             if (run := self._run) is not None:
-                run.enqueue_variable(variable.name, value)
+                run.enqueue_variable(variable)
 
         module.handles(variable, resource=resource)(on_value)

@@ -23,7 +23,8 @@ from tca_behaviours.coordination.running.messages import (
     NEEDS_NOT_MET,
     CoordinationEnd,
 )
-from tca_module import Task, TcaError
+from tca_behaviours.coordination.running.work import StartedActivity
+from tca_module import Task, TcaError, Variable
 from tca_wire.coordination import CoordinationReport, Foreseen
 from tca_wire.text.early_work import late_objections, why_not_early, why_stopped
 
@@ -64,6 +65,8 @@ class CoordinationRun:
         """Whether the run has tried to start the activity of the current state, if any. The
         activity may have to wait.
         """
+        self._read_at_end_of: StartedActivity | None = None
+        """The activity at whose end the variables were read last."""
         self._unreported: list[TakenArrow] = []
         """The transitions since the last report."""
         self._last_report: CoordinationReport | None = None
@@ -75,9 +78,14 @@ class CoordinationRun:
         """Enqueue an event. Thread-safe."""
         self._enqueue(lambda: self._events.append(event))
 
-    def enqueue_variable(self, name: str, value: Any) -> None:
-        """Enqueue a new value of a variable. Thread-safe."""
-        self._enqueue(lambda: self._variables.update({name: value}))
+    def enqueue_variable(self, variable: Variable[Any]) -> None:
+        """Enqueue a change of a variable. Thread-safe."""
+        self._enqueue(lambda: self._read(variable))
+
+    def _read(self, *variables: Variable[Any]) -> None:
+        """Read the newest values from central. A value that arrives here may be older than that."""
+        for variable in variables:
+            self._variables[variable.name] = self._task.get_variable(variable, None)
 
     def _enqueue(self, change: Callable[[], object]) -> None:
         self._inbox.append(change)
@@ -86,8 +94,7 @@ class CoordinationRun:
     def run_to_end(self) -> CoordinationEnd:
         """Run the machine to its end. No task of the machine outlives this call."""
         try:
-            for variable in self._machine.variables:
-                self._variables[variable.name] = self._task.get_variable(variable, None)
+            self._read(*self._machine.variables)
             while not self._is_over():
                 self._advance()
                 self._wait()
@@ -197,8 +204,12 @@ class CoordinationRun:
             return (not is_cycle and self._take_arrow(FAILED)) or self._raise_failure()
         if current is not None and current.failed_task is not None:
             return self._take_arrow(FAILED) or self._raise_failure()
-        if current is not None and current.is_done and self._take_arrow(DONE):
-            return True
+        if current is not None and current.is_done:
+            if current is not self._read_at_end_of:  # its handler may have set variables
+                self._read_at_end_of = current
+                self._read(*self._machine.variables)
+            if self._take_arrow(DONE):
+                return True
         while self._events:
             if self._take_arrow(self._events.popleft()):
                 return True
