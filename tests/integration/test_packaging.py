@@ -14,6 +14,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
+import sampling
 from processes import central
 
 ROOT = Path(__file__).parents[2]
@@ -49,15 +50,16 @@ def run(*command: object, cwd: Path, **environment: str) -> str:
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make both distributions, and return their folder. The wheel is made of the sources in the
-    source distribution.
+    """Make the wheel, and return its folder. In the soak, it is made of the sources in the source
+    distribution.
     """
     sources = tmp_path_factory.mktemp("sources")
     for name in ("setup.cfg", "setup.py", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, sources)
     for name in PACKAGES:
         shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
-    run(sys.executable, "-m", "build", "--no-isolation", sources, cwd=sources)
+    kinds = [] if sampling.in_the_soak else ["--wheel"]
+    run(sys.executable, "-m", "build", "--no-isolation", *kinds, sources, cwd=sources)
     return sources / "dist"
 
 
@@ -101,6 +103,8 @@ def files(package: str) -> set[str]:
 @pytest.mark.soak
 @pytest.mark.slow
 def test_source_distribution_contains_all_sources(dist: Path) -> None:
+    if not sampling.in_the_soak:
+        run(sys.executable, "-m", "build", "--no-isolation", "--sdist", dist.parent, cwd=dist)
     (archive,) = dist.glob("tca_central-*.tar.gz")
     with tarfile.open(archive) as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
