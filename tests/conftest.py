@@ -43,7 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     new = sampling.in_the_soak = bool(config.getoption("--new-lives"))
     settings.register_profile(
-        "ours", derandomize=not new, deadline=None, max_examples=100 if new else 25
+        "ours", derandomize=not new, deadline=None, max_examples=100 if new else 15
     )
     settings.load_profile("ours")
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):

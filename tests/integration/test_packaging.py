@@ -112,15 +112,21 @@ def test_source_distribution_contains_all_sources(dist: Path) -> None:
 
 
 @pytest.mark.slow
-def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Path) -> None:
+def test_installed_wheel_contains_every_file(python: Path) -> None:
+    source_files = {name for package in PACKAGES for name in files(package)}
+    installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
+    assert [name for name in source_files if not (installed / name).exists()] == []
+
+
+@pytest.mark.soak
+@pytest.mark.slow
+def test_each_module_of_the_wheel_can_be_imported(python: Path, tmp_path: Path) -> None:
     imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
     source_files = {name for package in PACKAGES for name in files(package)}
     unwanted = ("__main__.py", *(name for name in source_files if "/peers/" in name))
     assert imported == {
         name for name in source_files if name.endswith(".py") and not name.endswith(unwanted)
     }
-    installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
-    assert [name for name in source_files if not (installed / name).exists()] == []
 
 
 @pytest.mark.slow
