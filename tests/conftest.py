@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -42,7 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     new = sampling.in_the_soak = bool(config.getoption("--new-lives"))
     settings.register_profile(
-        "ours", derandomize=not new, deadline=None, max_examples=100 if new else 25
+        "ours", derandomize=not new, deadline=None, max_examples=100 if new else 15
     )
     settings.load_profile("ours")
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
@@ -79,6 +80,22 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
             )
 
     return OneBrowser(config, log)
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """In a worker, send one short report of a passed test instead of five long packets.
+
+    The packets cost as much as a small test. ``--durations`` and ``--junit-xml`` get all of them.
+    """
+    options = item.config.option
+    if not hasattr(item.config, "workerinput") or options.durations is not None or options.xmlpath:
+        return None
+    for report in runtestprotocol(item, log=False, nextitem=nextitem):
+        if report.passed:
+            report.keywords = {}
+        if report.when == "call" or not report.passed:
+            item.ihook.pytest_runtest_logreport(report=report)
+    return True
 
 
 @pytest.hookimpl(wrapper=True)

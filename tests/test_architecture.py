@@ -423,9 +423,8 @@ def test_source_files_have_at_most_600_lines() -> None:
 
 def test_test_names_have_at_most_60_characters() -> None:
     for path in (ROOT / "tests").rglob("test_*.py"):
-        for node in nodes(path):
-            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
-                assert len(node.name) <= 60, f"{path}: {node.name}"
+        for name in re.findall(r"^ *(?:async )?def (test_\w+)", path.read_text(), re.MULTILINE):
+            assert len(name) <= 60, f"{path}: {name}"
 
 
 def test_source_code_never_executes_its_input() -> None:

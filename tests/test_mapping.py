@@ -3,6 +3,7 @@ each link leads to a file.
 """
 
 import configparser
+import functools
 import inspect
 import re
 from pathlib import Path
@@ -32,6 +33,7 @@ nearby.
 TOKENS = sorted(set(re.findall(r"`([^`\n]+)`", PAGE)) - THEIRS)
 
 
+@functools.cache
 def commands() -> set[str]:
     config = configparser.ConfigParser()
     config.read(ROOT / "setup.cfg")
@@ -59,6 +61,7 @@ def has(owner: type, name: str) -> bool:
     )
 
 
+@functools.cache
 def keywords() -> set[str]:
     """Return all keywords of public calls."""
     options = (tca_module.TaskOptions, tca_module.MonitorOptions, tca_module.HandlerOptions)

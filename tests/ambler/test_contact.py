@@ -18,11 +18,12 @@ from robots.ambler_sim.planning.stability import WEIGHT
 from robots.ambler_sim.vocabulary import NO_LEG, BodyMove, Contact, LegMove, Rock, TerrainSpec
 from tca_module import FailureRaised
 
+NO_PHYSICS = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")
 BACKENDS = [
     "kinematic",
     pytest.param(
         "pybullet",
-        marks=pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed"),
+        marks=[NO_PHYSICS, pytest.mark.soak],
     ),
 ]
 IN_THE_WAY = Rock(1.1, 1.85, 0.25, 0.7)
@@ -119,6 +120,7 @@ def test_body_that_meets_a_rock_backs_off_and_stands(backend: Backend) -> None:
     assert min(robot.readings().loads) > 1000
 
 
+@pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=NO_PHYSICS)])
 def test_leg_beam_contact_is_detected(backend: Backend) -> None:
     robot = a_robot(backend, Rock(0.9, 0.6, 0.1, 6.0))
     foot = robot.stance().feet[2]

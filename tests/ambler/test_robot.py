@@ -95,7 +95,6 @@ def test_turning_body_keeps_its_feet_in_place(robot: Robot) -> None:
     assert greatest_shift(before, robot.stance()) < 0.05
 
 
-@on_both
 def test_stopped_leg_is_lowered_and_steps_again(robot: Robot) -> None:
     move = the_first_leg_move(robot)
     footfall = robot.move_leg(move, lambda: robot.stance().feet[move.leg].x < 0.0)

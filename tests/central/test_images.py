@@ -114,7 +114,7 @@ def test_old_image_behaves_like_a_recent_one(player: type[TwinPlayer]) -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        pytest.param(path, marks=[pytest.mark.soak] if number % 4 else [])
+        pytest.param(path, marks=[pytest.mark.soak] if number % 8 else [])
         for number, path in enumerate(TRANSCRIPTS)
     ],
     ids=lambda path: path.stem,

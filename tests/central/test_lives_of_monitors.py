@@ -125,7 +125,7 @@ class LifeOfMonitors:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=lives(30, soak=1_000))
+@settings(max_examples=lives(15, soak=1_000))
 def test_everything_ends_in_lives_full_of_monitors(seed: int) -> None:
     life = LifeOfMonitors(seed)
     for _ in range(80):

@@ -365,6 +365,6 @@ def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(2, soak=30), phases=NO_SMALLER_SEED)
 def test_oracle_agrees_with_central_in_long_lives(seed: int) -> None:
     JudgedLife().go_on(seed, lives(400, soak=10_000))

@@ -22,7 +22,7 @@ class LendingLife(Life):
 
 
 @given(operations)
-@settings(max_examples=lives(30, soak=4_000))
+@settings(max_examples=lives(15, soak=4_000))
 def test_invariants_hold_and_everything_ends_in_short_lives(taken: Operations) -> None:
     end_life(Life().live(taken))
 

@@ -28,7 +28,7 @@ from tca_wire.charts import StateKind
 
 MOVE = Command("move")
 MOST_ARE_REFUSED = settings(
-    max_examples=lives(4, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
+    max_examples=lives(2, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
 )
 LABELS = [f"s{number}" for number in range(9)]
 EVENTS = ["done", "failed", "go", "go on"]

@@ -120,7 +120,7 @@ def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
 @pytest.mark.parametrize(
     "condition",
     [
-        pytest.param(one, marks=[pytest.mark.soak] * (at % 8 > 0))
+        pytest.param(one, marks=[pytest.mark.soak] * (at % 16 > 0))
         for at, one in enumerate(COMES_TRUE)
     ],
 )

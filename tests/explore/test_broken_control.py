@@ -343,7 +343,7 @@ is_good = cache(lambda explored: explored().ok)
 """A function: whether a scenario is good before a rule is broken. Its results are kept."""
 
 
-@pytest.mark.parametrize("mutation", every(3, BROKEN), ids=lambda mutation: mutation.__name__)
+@pytest.mark.parametrize("mutation", every(4, BROKEN), ids=lambda mutation: mutation.__name__)
 def test_broken_control_rule_is_found(
     monkeypatch: Patch, mutation: Callable[[Patch], None]
 ) -> None:

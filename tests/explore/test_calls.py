@@ -154,6 +154,7 @@ def test_kill_respects_scope_and_point() -> None:
     )
 
 
+@pytest.mark.soak
 def test_monitor_of_each_kind_acts() -> None:
     def walk(task: tca.Task) -> None:
         kind = task.choose("rocks", "ground", "battery")

@@ -154,10 +154,10 @@ def test_watch_callback_receives_progress() -> None:
 def test_play_snapshot_and_replay_give_the_same_states(
     scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept = tca.explore(scenario, limit=80)
+    kept = tca.explore(scenario, limit=40)
     for room in ("MAX_PLAYS", "SNAPSHOT_BYTES"):
         monkeypatch.setattr(f"tca_tools.explore.search.exploration.{room}", 0)
-        again = tca.explore(scenario, limit=80)
+        again = tca.explore(scenario, limit=40)
         assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
 
 

@@ -211,7 +211,7 @@ def seen_in(world: World) -> object:
     )
 
 
-@pytest.mark.parametrize(("name", "kind"), one_in(8, SCENARIOS, DETAILS))
+@pytest.mark.parametrize(("name", "kind"), one_in(16, SCENARIOS, DETAILS))
 def test_equal_states_have_equal_successors(
     name: str, kind: str, request: pytest.FixtureRequest
 ) -> None:

@@ -104,7 +104,9 @@ def test_property_of_time_is_unknown_in_endless_scenario() -> None:
 
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
-@pytest.mark.parametrize(("seconds", "ok"), [(6.0, True), (5.9, False), (6, True)])
+@pytest.mark.parametrize(
+    ("seconds", "ok"), [(6.0, True), (5.9, False), pytest.param(6, True, marks=pytest.mark.soak)]
+)
 def test_within_holds_up_to_its_seconds(
     order: tuple[str, str], seconds: float, *, ok: bool
 ) -> None:

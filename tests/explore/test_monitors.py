@@ -64,7 +64,7 @@ CONDITIONS = [
 BOUNDS: dict[str, dict[str, Any]] = {"endless": {}, "bounded": {"maximum": 1}}
 
 
-@pytest.mark.parametrize(("condition", "bounds"), one_in(2, CONDITIONS, BOUNDS))
+@pytest.mark.parametrize(("condition", "bounds"), one_in(4, CONDITIONS, BOUNDS))
 def test_monitor_sent_by_listener_ends_with_tapped_task(condition: Condition, bounds: str) -> None:
     options = BOUNDS[bounds]
     scenario = stepping()

@@ -392,7 +392,7 @@ def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any)
     return scenario
 
 
-@pytest.mark.parametrize("wait_name", soak_all_but("query", "lock"))
+@pytest.mark.parametrize("wait_name", soak_all_but("query"))
 def test_killed_handler_returns_at_once_from_any_wait(wait_name: str) -> None:
     scenario = asking(WAITS[wait_name], within(0, walk_is_killed, returned), never(failed(WALK)))
     result = tca.explore(scenario, limit=20_000)

@@ -14,6 +14,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
+import sampling
 from docs.examples import EXAMPLES, agrees
 from docs.pages import PROGRAMS, Block, blocks
 from processes import central
@@ -51,15 +52,16 @@ def run(*command: object, cwd: Path, **environment: str) -> str:
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make both distributions, and return their folder. The wheel is made of the sources in the
-    source distribution.
+    """Make the wheel, and return its folder. In the soak, it is made of the sources in the source
+    distribution.
     """
     sources = tmp_path_factory.mktemp("sources")
     for name in ("setup.cfg", "setup.py", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, sources)
     for name in PACKAGES:
         shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
-    run(sys.executable, "-m", "build", "--no-isolation", sources, cwd=sources)
+    kinds = [] if sampling.in_the_soak else ["--wheel"]
+    run(sys.executable, "-m", "build", "--no-isolation", *kinds, sources, cwd=sources)
     return sources / "dist"
 
 
@@ -103,6 +105,8 @@ def files(package: str) -> set[str]:
 @pytest.mark.soak
 @pytest.mark.slow
 def test_source_distribution_contains_all_sources(dist: Path) -> None:
+    if not sampling.in_the_soak:
+        run(sys.executable, "-m", "build", "--no-isolation", "--sdist", dist.parent, cwd=dist)
     (archive,) = dist.glob("tca_central-*.tar.gz")
     with tarfile.open(archive) as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
@@ -110,15 +114,21 @@ def test_source_distribution_contains_all_sources(dist: Path) -> None:
 
 
 @pytest.mark.slow
-def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Path) -> None:
+def test_installed_wheel_contains_every_file(python: Path) -> None:
+    source_files = {name for package in PACKAGES for name in files(package)}
+    installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
+    assert [name for name in source_files if not (installed / name).exists()] == []
+
+
+@pytest.mark.soak
+@pytest.mark.slow
+def test_each_module_of_the_wheel_can_be_imported(python: Path, tmp_path: Path) -> None:
     imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
     source_files = {name for package in PACKAGES for name in files(package)}
     unwanted = ("__main__.py", *(name for name in source_files if "/peers/" in name))
     assert imported == {
         name for name in source_files if name.endswith(".py") and not name.endswith(unwanted)
     }
-    installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
-    assert [name for name in source_files if not (installed / name).exists()] == []
 
 
 @pytest.mark.slow

@@ -76,7 +76,10 @@ def run_pytest(installed: Path, folder: Path, *options: str) -> tuple[int, str]:
     inherited = {"TCA_CENTRAL", "PYTHONSAFEPATH"}
     environment = {name: value for name, value in os.environ.items() if name not in inherited}
     environment["PYTHONPATH"] = f"{installed}{os.pathsep}{ROOT}"
-    command = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-rA", *options)
+    left_out = [
+        f"-pno:{name}" for name in ("cacheprovider", "anyio", "hypothesispytest", "pytest_cov")
+    ]
+    command = (sys.executable, "-m", "pytest", *left_out, "-rA", *options)
     base = f"--basetemp={installed / 'base'}"
     done = subprocess.run(
         [*command, base], cwd=folder, env=environment, capture_output=True, text=True, check=False

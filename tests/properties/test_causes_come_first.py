@@ -111,7 +111,7 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
 
 
 @given(operations)
-@settings(max_examples=lives(38, soak=300))
+@settings(max_examples=lives(20, soak=300))
 def test_no_cause_is_later_than_its_effect(taken: Operations) -> None:
     player = FoldedPlayer()
     Life(player).live(taken)
@@ -119,7 +119,7 @@ def test_no_cause_is_later_than_its_effect(taken: Operations) -> None:
 
 
 @given(steps)
-@settings(max_examples=lives(30, soak=2_000))
+@settings(max_examples=lives(15, soak=2_000))
 def test_no_cause_is_later_than_its_effect_when_handlers_block(taken: Steps) -> None:
     life = JournaledLife().live(taken)
     assert_causes_come_first(life.history, life.entries)

@@ -379,7 +379,7 @@ def assert_ends_sufficient(life: Life, node: Node) -> None:
 )  # an exception handler deals with a failure
 @example([("send", 0, 0, 0), ("send", 0, 0, 0), ("wait", 0, 1, 0)])  # a message within a wait
 @given(steps)
-@settings(max_examples=lives(30, soak=5_000))
+@settings(max_examples=lives(15, soak=5_000))
 def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:
     life = Life()
     for step in taken:

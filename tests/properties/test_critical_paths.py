@@ -91,7 +91,7 @@ steps_of_lives = steps | st.integers(0, 1 << 32).map(sixty_steps)
 @example(sixty_steps(1789))  # a deadlock of locks
 @example(sixty_steps(1027))  # a multi-query is given up while a copy is queued
 @given(steps_of_lives)
-@settings(max_examples=lives(45, soak=3_500))
+@settings(max_examples=lives(20, soak=3_500))
 def test_critical_path_matches_facts(taken: Steps) -> None:
     life = UncomparedLife().live(taken)
     run = life.history

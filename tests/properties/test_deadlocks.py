@@ -55,13 +55,13 @@ CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await
 
 @given(steps)
 @example(CALLED_BACK)
-@settings(max_examples=lives(45, soak=5_000))
+@settings(max_examples=lives(20, soak=5_000))
 def test_reported_deadlocks_are_exactly_the_endless_waits(taken: Steps) -> None:
     assert_deadlocks_are_exact(taken)
 
 
 @given(steps, st.integers(1, 6))
-@settings(max_examples=lives(40, soak=5_000))
+@settings(max_examples=lives(20, soak=5_000))
 def test_interrupted_deadlock_search_finds_the_same_deadlocks(taken: Steps, edges: int) -> None:
     with limited_search(edges):
         assert_deadlocks_are_exact(taken)

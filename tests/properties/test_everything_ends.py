@@ -182,13 +182,13 @@ first. The end of this query starts the next search.
 @example(KEPT_FOR_A_RETRY)
 @example(BLOCKED_LOOP)
 @example(ANSWERED_WITHIN)
-@settings(max_examples=lives(40, soak=10_000))
+@settings(max_examples=lives(20, soak=10_000))
 def test_troubled_life_ends_with_nothing_left(taken: Steps) -> None:
     assert_everything_ends(Troubled().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=lives(6, soak=1_000))
+@settings(max_examples=lives(4, soak=1_000))
 def test_life_of_all_constructs_ends_with_nothing_left(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, lives(100, soak=300))

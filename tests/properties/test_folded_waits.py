@@ -157,7 +157,7 @@ def assert_lists(history: History) -> None:
 
 
 @given(operations)
-@settings(max_examples=lives(40, soak=500))
+@settings(max_examples=lives(20, soak=500))
 def test_tool_waits_match_needs_graph(taken: Operations) -> None:
     player = ComparedPlayer()
     Life(player).live(taken)
@@ -515,7 +515,7 @@ class ComparedBlocking(Blocking):
 
 
 @given(blocking_steps)
-@settings(max_examples=lives(40, soak=500))
+@settings(max_examples=lives(20, soak=500))
 def test_waits_of_central_match_its_needs_graph(taken: Steps) -> None:
     life = ComparedBlocking(looks=True)
     for step in taken:

@@ -101,6 +101,6 @@ class CheckedLife(JudgedLife):
 
 @given(st.integers(0, 1 << 32))
 @example(47066)  # an exception handler is spared while its module leaves, then queued again
-@settings(max_examples=lives(7, soak=2_000), phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)
 def test_central_agrees_with_oracle_about_late_wiretaps(seed: int) -> None:
     CheckedLife().go_on(seed, lives(300, soak=500))

@@ -306,6 +306,6 @@ def live(seed: int, steps: int) -> Town:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=lives(15, soak=500), phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(8, soak=500), phases=NO_SMALLER_SEED)
 def test_prefetched_messages_start_once_and_in_order(seed: int) -> None:
     live(seed, lives(250, soak=1000))

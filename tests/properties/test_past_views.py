@@ -106,7 +106,7 @@ def check(player: WatchedPlayer) -> None:
 
 
 @given(operations)
-@settings(max_examples=lives(25, soak=300))
+@settings(max_examples=lives(15, soak=300))
 def test_past_view_matches_view_recorded_then(taken: Operations) -> None:
     player = WatchedPlayer()
     Life(player).live(taken)

@@ -174,7 +174,7 @@ def test_prefetching_central_agrees_with_oracle_in_short_life(taken: Operations)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=lives(4, soak=200), phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(2, soak=200), phases=NO_SMALLER_SEED)
 def test_prefetching_central_agrees_with_oracle_in_long_life(seed: int) -> None:
     PrefetchLife().go_on(seed, lives(400, soak=2000))
 

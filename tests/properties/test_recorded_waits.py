@@ -152,6 +152,6 @@ def awaited(slot: Connection, number: int) -> int:
 
 
 @given(steps)
-@settings(max_examples=lives(45, soak=2_000))
+@settings(max_examples=lives(20, soak=2_000))
 def test_journal_records_every_wait(taken: Steps) -> None:
     JournaledLife().live(taken)

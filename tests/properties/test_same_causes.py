@@ -231,7 +231,7 @@ def live(seed: int) -> ComparingPlayer:
 @example(13_327)  # the handler before a monitor's subtask sent a multi-query
 @example(155)  # a retry policy spared a foreign monitor that had failed
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(2, soak=2_000), phases=NO_SMALLER_SEED)
 def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
     live(seed)
 

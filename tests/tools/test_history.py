@@ -120,7 +120,7 @@ FACTS = st.one_of([random_fact(kind) for kind in get_args(facts.Fact)])
 
 @example([facts.HandledDirectly("a", "a", "a", "", 0, 0, 0.0, float("nan"), Outcome.DONE, "")])
 @given(st.lists(FACTS, max_size=80))
-@settings(max_examples=lives(40, soak=500))
+@settings(max_examples=lives(20, soak=500))
 def test_arbitrary_facts_can_be_folded_and_shown(arbitrary: list[facts.Fact]) -> None:
     wording = Wording()
     history = History.until(

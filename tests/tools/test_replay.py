@@ -370,8 +370,8 @@ def test_replay_plays_both_ways_and_changes_speed() -> None:
     [
         ["q"],
         ["slash", "ctrl+c"],
-        ["slash", "q", "escape", "q"],
-        ["right", "f", "space", "up", "enter", "end", "q"],
+        pytest.param(["slash", "q", "escape", "q"], marks=pytest.mark.soak),
+        pytest.param(["right", "f", "space", "up", "enter", "end", "q"], marks=pytest.mark.soak),
     ],
 )
 def test_quit_keys_end_the_replay(keys: list[str]) -> None:

@@ -180,7 +180,7 @@ def journals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
     return made
 
 
-@pytest.mark.parametrize(("shape", "tool"), every(3, TRACED))
+@pytest.mark.parametrize(("shape", "tool"), every(5, TRACED))
 def test_tool_work_is_linear_in_the_journal(
     journals: dict[str, list[Path]], shape: str, tool: str
 ) -> None:

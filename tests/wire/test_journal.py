@@ -200,7 +200,7 @@ class CountingStream(io.BytesIO):
         return found
 
 
-COUNT = 50_000
+COUNT = 10_000
 
 
 def lies() -> bytes:

@@ -20,7 +20,7 @@ from tca_behaviours.missions.charts.user_data import UserData
 from tca_wire.charts import ActiveStates, StateKind
 
 MOST_ARE_REFUSED = settings(
-    max_examples=lives(20, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
+    max_examples=lives(10, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
 )
 LEAVES = (StateKind.TASK, StateKind.CALL)
 LABELS = [f"s{number}" for number in range(9)]
