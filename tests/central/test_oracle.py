@@ -321,6 +321,16 @@ def test_slot_is_lent_after_its_place_was_passed_on_twice() -> None:
     assert waiting in player.delivered("planner/1")
 
 
+def test_slot_is_lent_for_the_wait_of_a_program_with_a_lock() -> None:
+    player = JudgedPlayer.of("legs: command move", "arm: command lift", "user")
+    player.declare("user", "command move")
+    player.request("user", headers.Lock, "arm")
+    first, second = (player.task("user", "move", flags=Flags.NONE) for _ in range(2))
+    player.request("user", headers.AwaitPoint, point(second, Moment.END_ACHIEVING), blocking=True)
+    player.request("legs/1", headers.Lock, "arm", origin=first, blocking=True)
+    assert player.delivered("legs/1") == [first, second]
+
+
 def test_newer_wait_of_coroutine_replaces_the_older() -> None:
     player = JudgedPlayer.of("planner: goal walk, command lift", "legs: command move", "user")
     walk = player.task("user", "walk")
