@@ -332,7 +332,7 @@ class Central(State):
         agenda, dispatcher = self.agenda, self.dispatcher
         while True:
             if agenda.to_advance:
-                agenda.advance_all()
+                self._advance_all()
             if any(self._output_queues):
                 self._handle_outputs()
             elif dispatcher.old_serving_counts:
@@ -345,6 +345,12 @@ class Central(State):
                 deadlocks.check_suspects(self)
             else:
                 return
+
+    def _advance_all(self) -> None:
+        """Advance tasks. Claims end with their tasks, before the ends send or release anything."""
+        self.agenda.advance_all()
+        for task in self.agenda.ended if self.claimed_for else ():
+            claims.end_claims_of(self, task, "it has ended")
 
     def _handle_outputs(self) -> None:
         """Handle all items of the queues that are not empty."""
@@ -374,7 +380,7 @@ class Central(State):
         Then the task reaches those of the moments that no listener holds.
         """
         taps.fire_before(self, *tapped)
-        self.agenda.advance_all()
+        self._advance_all()
 
     def _start_all(self) -> None:
         """Start the startable tasks of the most urgent kind.
@@ -427,8 +433,6 @@ class Central(State):
         """Clean up after a task that has ended, and report its end."""
         if self.observers.may_observe(task) or task.message.life_cycle.has_many_ends:
             observing.publish_end(self, task)
-        if self.claimed_for:
-            claims.end_claims_of(self, task, "it has ended")
         if task.scheduled is not None:
             steering.forget_pending(self, task.scheduled)
         if task.recovery is not None:

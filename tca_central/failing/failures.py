@@ -352,10 +352,13 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
     """
     killed = central.agenda.kill(task, verdict)
     new = {victim.id for victim in killed}
-    for victim in killed:
-        fire_after(central, victim, KILLED)
+    for victim in killed:  # claims end before anything is sent
         if victim.slot is not None:
             central.cancel(victim.slot, victim)
+        if central.claimed_for:
+            claims.end_claims_of_killed(central, victim)
+    for victim in killed:
+        fire_after(central, victim, KILLED)
         if victim.suspended:
             victim.suspended = False
             central.tree.suspended.pop(victim.id, None)
@@ -363,8 +366,6 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
                 # The child survives the kill, or was killed before with a surviving descendant.
                 if child.suspended and child.id not in new:
                     suspend(central, child, resume=True)
-        if central.claimed_for:
-            claims.end_claims_of_killed(central, victim)
         _after_kill(central, victim, verdict)
         if victim.role is Role.EXCEPTION and _void_decision(victim):
             _continue_search(central, victim)

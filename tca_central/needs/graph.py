@@ -379,7 +379,9 @@ def only_watches(central: State, child: Task) -> bool:
     ahead = (END_HANDLING | END_ACHIEVING) & ~child.reached if not child.killed else 0
     for moment, number, its in child.leaders or ():
         leader = central.tree.tasks.get(number) if moment & ahead else None
-        if leader is not None and leader is not child and not leader.reached & its:
+        if leader is None or leader is child or leader.reached & its:
+            continue
+        if leader.parent is not child or moment != its:  # it waits for its children's ends anyway
             return False
     return True
 

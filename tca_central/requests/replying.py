@@ -115,17 +115,17 @@ def _complete(
         )
     )
     central.dispatcher.complete(delivery, ended, header.took)
+    if not isinstance(delivery, Task):  # claims end first: what waited goes before the listeners
+        end_claims_of(central, delivery, "it has ended")
+    elif delivery.killed:
+        end_claims_of(central, delivery, "it was killed")
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
-        end_claims_of(central, delivery, "it has ended")
         if delivery.message.message_class.has_reply:
             fire_after(central, delivery, REPLIED, body)
             _answer_query(central, delivery, Answer(delivery.number), body)
     elif central.agenda.end_or_retry(delivery):
-        if delivery.killed:
-            end_claims_of(central, delivery, "it was killed")
-        else:
-            suspect_kept_claims(central, delivery)
+        suspect_kept_claims(central, delivery)  # of a task to be retried: a killed one has none
     else:
         # A result of None is stored as no bytes; for a task that has failed, as the bytes of None.
         result = b"" if body == NIL and delivery.failure is None else body
@@ -161,8 +161,8 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.handling_id, outcome, body))
     central.dispatcher.complete(delivery, central.clock.now)
-    fire_after(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     end_claims_of(central, delivery, "its handler failed")
+    fire_after(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     pop_losses(connection, delivery)
     if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))

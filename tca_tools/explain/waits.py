@@ -50,6 +50,7 @@ from tca_wire.waits import NAMED, WaitKind
 _ALWAYS = -inf, inf
 NO_TIME = 1e-6
 """Waits that are shorter than this, in seconds, are not shown."""
+_ENDS_WITH_CHILDREN = END_PLANNING | END_ACHIEVING
 _OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
 """Waits for points of other tasks, caused by the order of tasks."""
 _OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
@@ -379,7 +380,8 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     """Yield the waits of a constraint: until its point is reached, and until its delay is over.
 
     A constraint between two moments of one task is no wait: the waits before the first moment count
-    for the second, too (see ``moments_before``).
+    for the second, too (see ``moments_before``). Nor is one on a child's end: the task waits for
+    that end anyway, as for a subtask, or not at all if the child only watches.
     """
     before, moment = hold.constraint.before, int(hold.constraint.after.moment)
     # A listener or a pause may hold a task that has reached the moment and is handled again
@@ -389,7 +391,9 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     if other is not None:
         met = other.time_of(before.moment)
     blocks = ENDS if is_again else moment
-    if other is not None and other is not task:
+    is_child_end = moment & _ENDS_WITH_CHILDREN and before.moment == moment
+    is_awaited = other is not None and other.parent == task.id and is_child_end
+    if other is not None and other is not task and not is_awaited:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         on = Node(other.id, int(before.moment))
         yield Wait(hold.added, min(met, last), kind, on, blocks, hold)

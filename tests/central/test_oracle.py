@@ -17,7 +17,7 @@ from sampling import lives
 from tca_central.events import ConfirmTasks, Effect, RequestReceived, Tick
 from tca_central.outgoing.central_messages import suspend
 from tca_wire.constraints import Flags
-from tca_wire.journal.facts import Failed, Killed, Received
+from tca_wire.journal.facts import Failed, Killed, Received, Retried
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, RetryPolicy, WatchOptions
@@ -321,6 +321,16 @@ def test_slot_is_lent_after_its_place_was_passed_on_twice() -> None:
     assert waiting in player.delivered("planner/1")
 
 
+def test_slot_is_lent_for_the_wait_of_a_program_with_a_lock() -> None:
+    player = JudgedPlayer.of("legs: command move", "arm: command lift", "user")
+    player.declare("user", "command move")
+    player.request("user", headers.Lock, "arm")
+    first, second = (player.task("user", "move", flags=Flags.NONE) for _ in range(2))
+    player.request("user", headers.AwaitPoint, point(second, Moment.END_ACHIEVING), blocking=True)
+    player.request("legs/1", headers.Lock, "arm", origin=first, blocking=True)
+    assert player.delivered("legs/1") == [first, second]
+
+
 def test_newer_wait_of_coroutine_replaces_the_older() -> None:
     player = JudgedPlayer.of("planner: goal walk, command lift", "legs: command move", "user")
     walk = player.task("user", "walk")
@@ -356,6 +366,24 @@ def test_fallback_that_reissued_is_killed_with_its_task() -> None:
     player.task("arm", "nobody", under=fallback, origin=0)
     player.fail("arm/1", "slipped", fallback, reissue=True)
     assert not {task, fallback} & player.central.tree.tasks.keys()
+
+
+def test_retry_is_pending_while_stranded_handlers_are_skipped() -> None:
+    player = JudgedLife().player
+    player.module("arm", "command lift")
+    player.request("user", headers.Attach, Attachment("", "recover"), message="lift")
+    move = TaskId(player.task("user", "move", retry=RetryPolicy(attempts=1)))
+    options = WatchOptions(period=100, initial_wait=True)
+    foreign = player.task("user", "watch", watch=options, under=move)
+    player.task("user", "lift", under=foreign)
+    player.request("user", headers.Suspend, move)
+    player.fail("arm/1", "slipped")
+    player.receive("expert4", headers.Unregister(player.number("expert4"), ["recover"]))
+    player.request("user", headers.Retry, move)
+    player.reply("legs2/1")
+    player.request("user", headers.Suspend, move, resume=True)
+    assert [fact.by for fact in player.facts(Retried)] == ["user", "central"]
+    assert player.delivered("legs2/2")
 
 
 @given(operations)

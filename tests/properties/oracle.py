@@ -68,6 +68,7 @@ STEPS = (
     oracle_monitors.go_on,
     oracle_failures.skip_stranded,
     oracle_monitors.start_all,
+    oracle_rules.begin_attempts,
     oracle_slots.give,
     oracle_locks.end_deadlocks,
 )

@@ -185,8 +185,9 @@ def skip_stranded(world: World) -> bool:
     Return whether any was skipped.
     """
     world.spared &= stranded(world)
+    has_begun = oracle_rules.begin_attempts(world, stranded(world))
     if not (due := stranded(world) - world.spared):
-        return False
+        return has_begun
     killed_ids = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
     for node in sorted(
         due, key=lambda one: (one.arrival, killed_ids.index(one.id) if one.id in killed_ids else 0)

@@ -139,10 +139,16 @@ def _needs_of_handler(world: World, job: Job) -> Iterator[Need]:
     for other in world.everything():
         if other.slot == job.slot and other.turn > job.turn:
             yield "handler", other
-        if other.kind.has_reply and other.sender == job.slot:
+    yield from _needs_of_answers(world, job.slot)
+
+
+def _needs_of_answers(world: World, connection: str) -> Iterator[Need]:
+    """Yield the queries and claims that a connection has sent, and that are to be answered."""
+    for other in world.everything():
+        if other.kind.has_reply and other.sender == connection:
             yield "handler" if other.slot else "turn", other
     for claim in world.claims:
-        if claim.sender == job.slot and not claim.granted:
+        if claim.sender == connection and not claim.granted:
             yield "claim", claim
 
 
@@ -162,5 +168,15 @@ def _needs_of_claim(world: World, claim: Claim) -> Iterator[Need]:
         yield from _needs_of_resource(world, claim.resource)
     elif claim.holder is not None:
         yield "handler" if claim.holder.slot else "end", claim.holder
+    else:
+        yield from _needs_of_program(world, claim.sender)
     for job in in_slot(world, claim.sender):
         yield "handler", job
+
+
+def _needs_of_program(world: World, connection: str) -> Iterator[Need]:
+    """Yield what a connection waits for that may release a claim from outside its handlers."""
+    for (sender, _), wait in world.waits.items():
+        if sender == connection and wait.moment not in wait.node.past:
+            yield "start" if wait.moment in STARTS else "end", wait.node
+    yield from _needs_of_answers(world, connection)

@@ -100,6 +100,7 @@ def start_all(world: World) -> bool:
         if isinstance(fact, facts.Reached) and fact.moments & SH
     ]
     for node in sorted(monitors, key=lambda one: first.index(one.id) if one.id in first else 0):
+        oracle_rules.begin_attempts(world, [node])
         node.waiting = node.wanted = False
         _start(world, node)
         oracle_slots.give_messages(world)

@@ -6,7 +6,7 @@ for achieving. A pair of points holds its second point until its first point is 
 task waits only for handlers that still run in it or below it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from properties import (
@@ -349,20 +349,32 @@ def _consider_start(
     if node.waiting or _due_kills(world):  # a kill precedes a start
         return False
     world.spared.discard(node)  # the task has been queued again
-    if node.again:
-        node.again = False
-        oracle_locks.end_for(world, node)
-        if oracle_policies.send_fallback(world, node):
-            node.wanted = False
-            return True
-        node.recovering, node.handling_id = None, 0
-        if node.policy is not None:
-            node.policy.attempts += 1
     node.waiting = True
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since
     oracle_lending.note(world, node)
     return True
+
+
+def begin_attempts(world: World, nodes: Iterable[Node] | None = None) -> bool:
+    """Begin the next attempts of retried tasks (by default, of all) that are queued. Until then, a
+    failure below such a task is one of its last attempt. Return whether there were any.
+    """
+    due = [
+        node
+        for node in (world.nodes.values() if nodes is None else nodes)
+        if node.waiting and node.again
+    ]
+    for node in due:
+        node.again = False
+        oracle_locks.end_for(world, node)
+        if oracle_policies.send_fallback(world, node):
+            node.waiting = node.wanted = False
+            continue
+        node.recovering, node.handling_id = None, 0
+        if node.policy is not None:
+            node.policy.attempts += 1
+    return bool(due)
 
 
 def start_moments(node: Node) -> set[Moment]:

@@ -5,9 +5,12 @@ holds no task.
 
 from collections.abc import Iterator
 
+import pytest
+from central.player import INTEGER, before, point
 from central.test_oracle import NO_SMALLER_SEED
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from properties.folded import FoldedPlayer
 from properties.life import Life
 from sampling import lives
@@ -23,8 +26,11 @@ from tca_tools.explain.graph import Ends, next_node, waits_now
 from tca_tools.explain.wait_words import named_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import TaskState
-from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS
-from tca_wire.vocabulary import Role
+from tca_wire.constraints import Flags
+from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat, WatchOptions
+from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS, Moment
+from tca_wire.vocabulary import MessageClass, Role
 from tca_wire.waits import WaitFor, WaitKind
 
 OWN_WAITS = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
@@ -151,16 +157,21 @@ class ComparingPlayer(FoldedPlayer):
 
 
 def is_idle(living: dict[int, Task], one: Task) -> bool:
-    """Whether a background monitor ends with its last sibling: no constraint holds its end."""
+    """Whether a background monitor ends with its last sibling: no constraint holds its end, except
+    by the ends of its children.
+    """
     if not one.is_background or one.parent is None or one.parent.id == ROOT:
         return False
     leaders = [
-        (living[number], moment_of_leader)
+        (moment, living[number], moment_of_leader)
         for moment, number, moment_of_leader in one.leaders or ()
         if moment & ENDS and number in living
     ]
     return bool(one.killed) or all(
-        leader is one or leader.reached & moment_of_leader for leader, moment_of_leader in leaders
+        leader is one
+        or leader.reached & moment_of_leader
+        or (leader.parent is one and moment == moment_of_leader)
+        for moment, leader, moment_of_leader in leaders
     )
 
 
@@ -229,11 +240,32 @@ def live(seed: int) -> ComparingPlayer:
 @example(1_065_174_457)  # a task retried three times waits once for its subtasks
 @example(4_026_247_230)  # a suspended task also waits for the start of its parent, a monitor
 @example(13_327)  # the handler before a monitor's subtask sent a multi-query
+@example(974)  # a monitor waits for a delay after the end of an idle monitor under it
 @example(155)  # a retry policy spared a foreign monitor that had failed
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(2, soak=2_000), phases=NO_SMALLER_SEED)
 def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
     live(seed)
+
+
+@pytest.mark.parametrize("is_waited_for", [False, True])
+def test_idle_child_is_no_cause_by_a_constraint_on_its_end(is_waited_for: bool) -> None:
+    player = ComparingPlayer.of("planner: goal walk", "legs: command move", "user: query where")
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["where", ""])
+    player.request("user", headers.Register, [watch])
+    walk = player.task("user", "walk")
+    move = player.task("user", "move", under=walk)
+    watching = WatchOptions(period=100, initial_wait=True)
+    held = replace(watching, waited_for=is_waited_for)
+    monitor = player.task("user", "watch", watch=held, under=walk, flags=Flags.NONE)
+    child = player.task("user", "watch", watch=watching, under=monitor)
+    first, then = (point(one, Moment.END_ACHIEVING) for one in (child, monitor))
+    player.request("user", headers.Constrain, [before(first, then, delay=2)])
+    player.reply("planner/1")
+    at = RunAt(player.history)
+    named = {wait.number for wait in named_waits(at, waits_now(at, walk), any_outcome=True)}
+    assert named == ({move, monitor} if is_waited_for else {move})
+    assert child not in {end.number for end in Ends.at(at).of(walk)}
 
 
 def test_watched_life_compares_enough_waits() -> None:
