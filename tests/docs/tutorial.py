@@ -10,6 +10,7 @@ import os
 import re
 import shlex
 import signal
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -32,8 +33,9 @@ NOISE = {
     r"http:\S+": "ADDRESS",
     r" in /\S+": " in FOLDER",
     r"\b[\w-]+:\d+\b": "PROCESS",
-    r"\(process \d+\)": "(process)",
+    r"^run +\| \w+ started \(process \d+\)": "run | PROGRAM started",
     r"^\[(\d)\] \d+": r"[\1] PROCESS",
+    r": (killed|ends when its running handlers have returned)$": ": KILLED",
     r"\d+ events": "events",
     r"memory \d+(\.\d+)? \w+": "memory",
     r"\d+(\.\d+)?( ms\b| s\b)": "SECONDS",
@@ -61,36 +63,40 @@ def title_of(block: Block) -> str:
     return found[1] if found else ""
 
 
-def files_of(page: Path) -> dict[str, str]:
-    """Return the files that a page shows, by the names under which a reader saves them."""
-    files = {}
+class File(NamedTuple):
+    """A file that the reader saves."""
+
+    name: str
+    text: str
+
+
+def steps_of(page: Path) -> Iterator[File | Step]:
+    """Yield what a page has its reader save, type and read, in the order of the page."""
     for block in blocks(page):
+        title = title_of(block)
         if block.language in {"python", "toml"} and (quoted := QUOTE.search(block.text)):
             path = EXAMPLES / quoted["file"]
-            assert title_of(block) == path.name, block.where
-            files[path.name] = path.read_text()
-    return files
+            assert title == path.name, block.where
+            yield File(title, path.read_text())
+        elif block.language == "console" and title.startswith("Terminal"):
+            yield from _steps_in(title, block.text.splitlines())
 
 
-def steps_of(page: Path) -> Iterator[Step]:
-    """Yield what a page has its reader type and read, in the order of the page."""
-    for block in blocks(page):
-        terminal = title_of(block)
-        if block.language == "console" and terminal.startswith("Terminal"):
-            command: str | None = None
-            printed: list[str] = []
-            quoted: Path | None = None
-            for line in block.text.splitlines():
-                if line.startswith("$ ") or line == "^C":
-                    if command or printed:
-                        yield Step(terminal, command, printed, quoted)
-                    command, printed, quoted = line, [], None
-                elif found := QUOTE.search(line):
-                    quoted = EXAMPLES / found["file"]
-                    printed += quoted.read_text().splitlines() if quoted.exists() else ["?"]
-                else:
-                    printed.append(line)
-            yield Step(terminal, command, printed, quoted)
+def _steps_in(terminal: str, lines: list[str]) -> Iterator[Step]:
+    command: str | None = None
+    printed: list[str] = []
+    quoted: Path | None = None
+    for line in lines:
+        if line.startswith("$ ") or line == "^C":
+            if command or printed:
+                yield Step(terminal, command, printed, quoted)
+            command, printed, quoted = line, [], None
+        elif found := QUOTE.search(line):
+            quoted = EXAMPLES / found["file"]
+            printed += quoted.read_text().splitlines() if quoted.exists() else ["?"]
+        else:
+            printed.append(line)
+    yield Step(terminal, command, printed, quoted)
 
 
 def plain(line: str, *, all_numbers: bool = False) -> str:
@@ -151,7 +157,10 @@ class Terminal:
             file.write(f"{line}\n")
 
     def start(self, words: list[str], *, in_background: bool) -> None:
-        command = {"python": words[1:], "pytest": ["-m", *words]}.get(words[0], words)
+        command = {
+            "python": words[1:],
+            "pytest": [sys.executable, "-m", *words],  # a new process, which nothing has prepared
+        }.get(words[0], words)
         process = Process(*command, cwd=self.folder, log=self.log, environment=self.environment)
         if in_background:
             self.jobs.append(process)
@@ -172,14 +181,22 @@ class Terminal:
             self.foreground.close()
             self.foreground = None
 
+    def end_jobs(self) -> None:
+        """End the programs in the background."""
+        for process in self.jobs:
+            process.terminate()
+        for process in self.jobs:
+            process.wait(SOON)
+            process.close()
+        self.jobs.clear()
+        self.has_read += len(self.lines())
+
     def close(self) -> None:
-        for process in [self.foreground, *self.jobs]:
-            if process is not None:
-                process.send_signal(signal.SIGINT)
-        for process in [self.foreground, *self.jobs]:
-            if process is not None:
-                process.wait(SOON)
-                process.close()
+        """End all programs."""
+        self.end_jobs()
+        if self.foreground is not None:
+            self.foreground.send_signal(signal.SIGINT)
+            self.end_of_foreground()
 
 
 class Player:
@@ -191,18 +208,28 @@ class Player:
         self.environment = {
             "XDG_STATE_HOME": str(folder / "state"),
             "XDG_RUNTIME_DIR": str(folder),
+            "BROWSER": "true %s",
             "COLUMNS": "120",
         }
         self.folder.mkdir()
-        for earlier in PAGES[: PAGES.index(page) + 1]:
-            for name, text in files_of(earlier).items():
-                (self.folder / name).write_text(text)
+        for earlier in PAGES[: PAGES.index(page)]:
+            self.save(earlier, self.folder)
         self.terminals: dict[str, Terminal] = {}
+
+    @staticmethod
+    def save(page: Path, folder: Path) -> None:
+        """Save all files of a page."""
+        for step in steps_of(page):
+            if isinstance(step, File):
+                (folder / step.name).write_text(step.text)
 
     def play(self) -> None:
         try:
             for step in steps_of(self.page):
-                self.take(step)
+                if isinstance(step, File):
+                    (self.folder / step.name).write_text(step.text)
+                else:
+                    self.take(step)
             for name, terminal in self.terminals.items():
                 if terminal.foreground is not None and terminal.foreground.poll() is not None:
                     assert terminal.lines() == [], name
@@ -226,10 +253,10 @@ class Player:
         if not terminal.jobs:
             terminal.has_read += len(terminal.lines())
         words = shlex.split(command)
-        if command == 'pkill -9 -f "tca central"':
+        if command == "pkill -9 -f tca.central":
             self.kill_central()
-        elif words[0] == "sleep":
-            time.sleep(float(words[1]))
+        elif command == "kill $(jobs -p)":
+            terminal.end_jobs()
         else:
             is_module = words[0] == "python" and self.central_runs()
             joined = self.count_joined()
@@ -275,8 +302,9 @@ class Player:
     def write_anew(self, terminal: Terminal, step: Step) -> None:
         """Replace the quoted lines by those that are printed until nothing more comes."""
         assert step.quoted is not None
-        seen, since = 0, time.monotonic()
-        while time.monotonic() < since + 2.5 or not terminal.lines():
+        begin = since = time.monotonic()
+        seen = 0
+        while time.monotonic() < min(since + 2.5, begin + 8) or not terminal.lines():
             if len(terminal.lines()) > seen:
                 seen, since = len(terminal.lines()), time.monotonic()
             if terminal.foreground is not None and terminal.foreground.poll() is not None:
