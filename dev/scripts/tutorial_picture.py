@@ -21,7 +21,7 @@ from playwright.sync_api import sync_playwright
 
 ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "images" / "tutorial-view.png"
-SIZE = {"width": 1280, "height": 660}
+SIZE = {"width": 1280, "height": 740}
 PAGES = ("3-order", "4-failure", "5-watch")
 """The folders whose files lie over each other; the body is the one of page 4, as on page 5."""
 PYTHON = sys.executable
@@ -68,7 +68,7 @@ def take_picture(address: str) -> None:
         page = browser.new_page(viewport=SIZE)  # type: ignore[arg-type]
         page.goto(address)
         page.get_by_text("go round").first.wait_for(timeout=60_000)
-        time.sleep(2.0)  # the retried drive, and the next pouring
+        time.sleep(0.6)  # the second try
         page.screenshot(path=PICTURE)
         browser.close()
 

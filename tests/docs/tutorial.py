@@ -128,6 +128,18 @@ def match(expected: Sequence[str], lines: Sequence[str]) -> int | None:
     return None if found is None else 1 + found
 
 
+def match_of_two(expected: Sequence[str], lines: Sequence[str]) -> int | None:
+    """Compare the lines of two programs that print at nearly the same time: one indents its own."""
+    number = len(expected)
+    if "..." in expected or len(lines) < number:
+        return None
+
+    def of_each(both: Sequence[str]) -> tuple[list[str], list[str]]:
+        return [one for one in both if one[0] == " "], [one for one in both if one[0] != " "]
+
+    return number if of_each(expected) == of_each(lines[:number]) else None
+
+
 @dataclass
 class Terminal:
     """A shell with one file of output."""
@@ -292,7 +304,10 @@ class Player:
             return
         while True:
             lines = plain_lines(terminal.lines(), all_numbers=self.all_numbers)
-            if (found := match(expected, lines)) is not None:
+            found = match(expected, lines)
+            if found is None and terminal.jobs:
+                found = match_of_two(expected, lines)
+            if found is not None:
                 terminal.skip(found, all_numbers=self.all_numbers)
                 return
             if time.monotonic() > end:
