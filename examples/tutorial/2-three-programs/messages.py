@@ -1,0 +1,23 @@
+"""The messages of the robot. All its programs import them."""
+
+from dataclasses import dataclass
+
+from tca_module import Command, Goal
+
+
+@dataclass
+class Plant:
+    name: str
+    room: str
+    litres: float
+
+
+@dataclass
+class Way:
+    room: str
+    through: str = "hall"
+
+
+WATER = Goal("water", Plant)
+DRIVE = Command("drive", Way)
+POUR = Command("pour", float)
