@@ -5,7 +5,7 @@
 
 from typing import TYPE_CHECKING, NoReturn
 
-from tca_module.checks import POINT, SECONDS, check
+from tca_module.checks import POINT, SECONDS, LateText, check
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
 from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
@@ -49,7 +49,7 @@ class TaskPoint(Point, frozen=True):
     """
 
     def __add__(self, seconds: float) -> LaterPoint:
-        check(f"{self} + seconds", SECONDS, seconds=seconds)
+        check(LateText(lambda: f"{self} + seconds"), SECONDS, seconds=seconds)
         return LaterPoint(self, seconds)
 
     def __le__(self, other: Point) -> Order:

@@ -139,7 +139,8 @@ RECOVERED = Rule(
     "TCM 2.10: exceptions, DoneHandling",
 )
 MISSION = Rule(
-    "a task of a mission that did not complete has failed or was killed", "docs/packages/missions.md"
+    "a task of a mission that did not complete has failed or was killed",
+    "docs/packages/missions.md",
 )
 RESOLVED = Rule("no failure that was only observed counts as dealt with", "decision 101")
 TAPPED = _from_manual("a wiretap sends its listener before the tapped task continues", "wiretaps")

@@ -3,7 +3,7 @@
 Each function returns the result in one sentence, and raises ToolError if the task has ended.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import click
 
@@ -140,7 +140,10 @@ def find_task(client: Client, named: str) -> TaskRef:
         )
     found = client.tasks(named)
     if not found:
-        raise ToolError(f"no living task is called '{named}': {_listed(client)}")
+        living = client.tasks()
+        found = [task for task in living if task.message == named]  # sent between the two questions
+    if not found:
+        raise ToolError(f"no living task is called '{named}': {_listed(client, living)}")
     if len(found) > 1:
         numbers = listed([str(task.id) for task in found], named=_SHOWN)
         raise ToolError(
@@ -149,9 +152,8 @@ def find_task(client: Client, named: str) -> TaskRef:
     return found[0]
 
 
-def _listed(client: Client) -> str:
+def _listed(client: Client, tasks: Sequence[TaskRef]) -> str:
     """List the living tasks. If there are none, name central: the user may mean another one."""
-    tasks = client.tasks()
     if not tasks:
         return f"central at {client.address} has no living tasks"
     return f"living tasks are {listed([printable(str(task)) for task in tasks], named=_SHOWN)}"
@@ -160,12 +162,13 @@ def _listed(client: Client) -> str:
 def _task_of_number(client: Client, number: int) -> TaskRef:
     if number == ROOT:
         raise ToolError(
-            f"task 0 is the root, which never ends: give the number of a task; {_listed(client)}"
+            "task 0 is the root, which never ends: give the number of a task; "
+            + _listed(client, client.tasks())
         )
     try:
         task = client.task(number)
     except Refused as refused:
-        raise ToolError(f"{refused.text}: {_listed(client)}") from None
+        raise ToolError(f"{refused.text}: {_listed(client, client.tasks())}") from None
     info = task.info() if task is not None else None
     if task is None or info is None or info.outcome:
         raise ToolError(
