@@ -1,4 +1,4 @@
-"""Read exported tables: how long did each task wait, and for what?
+"""Read an exported table: print how long tasks waited, and for what.
 
 The tables are of a run of ``01_fetch.py``: ``tca export LOG --to csv -o tables``.
 """
