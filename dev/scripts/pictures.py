@@ -1,6 +1,6 @@
 """Make the pictures of the documents from real runs: ``make pictures``, or with names of pictures.
 
-python dev/scripts/pictures.py [NAME...]
+python -m dev.scripts.pictures [NAME...]
 """
 
 import os
@@ -16,6 +16,10 @@ from pathlib import Path
 import PIL.Image
 from playwright.sync_api import Page, sync_playwright
 
+from robots.cartesian_sim.messages import CLEAN, ENABLE, REFERENCE, SET_SPEED
+from robots.cartesian_sim.robot import NAME, CleaningRobot
+from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
+from tca_module import connect
 from tca_tools.drawing.chart_dot import chart_dot, likely_arrows, report_marks
 from tca_tools.drawing.pictures import write_graph
 from tca_tools.journal.at_time import RunAt
@@ -44,6 +48,7 @@ def run(*command: str) -> None:
 def show(robot: str, folder: str, *options: str) -> Path:
     """Run the show of a robot once. Returns its folder."""
     out = WORK / folder
+    shutil.rmtree(out, ignore_errors=True)
     run("python", "-m", f"robots.{robot}_sim", "--out", str(out), *options)
     return out
 
@@ -67,7 +72,7 @@ def _save_png(picture: PIL.Image.Image, file: Path) -> None:
 
 def bare_walk() -> Path:
     """Return the journal of a walk without layers, whose tree is small."""
-    return show("ambler", "bare", "--bare", "--distance", "3") / "journal"
+    return show("ambler", "bare", "--bare", "--distance", "6") / "journal"
 
 
 def drawn(command: str, journal: Callable[[], Path], *options: str) -> Callable[[Path], None]:
@@ -96,7 +101,7 @@ def mode(file: Path) -> None:
         if task.name == "move leg"
     )
     span = ("--from", f"{began + 0.5:.2f}", "--to", f"{began + 2.5:.2f}")
-    run("tca", "gantt", str(journal), *span, "--force", "-o", str(file))
+    run("tca", "gantt", str(journal), *SHOWN, *span, "--force", "-o", str(file))
 
 
 def film(file: Path) -> None:
@@ -144,11 +149,12 @@ def patrol(file: Path) -> None:
 
 
 def foreseen(file: Path) -> None:
-    """Draw the machine of a delivery when most of its states are foreseen."""
+    """Draw the machine of a delivery while the robot goes to box B."""
     found = [
         (chart, report)
         for chart, progress in reports(show("youbot", "youbot") / "best/journal", "deliver")
         if (report := read_report(progress)) is not None
+        and chart.states[report.current].label == "going to B"
     ]
     chart, report = max(found, key=lambda pair: len(pair[1].preview))
     write_graph(file, chart_dot(chart, report_marks(report), likely_arrows(chart, report)))
@@ -187,6 +193,7 @@ def page_of(*command: str, width: int, height: int) -> Iterator[Page]:
                 yield page
         finally:
             server.terminate()
+            server.communicate()
 
 
 @contextmanager
@@ -233,13 +240,38 @@ def report(file: Path) -> None:
 
 
 def activities(file: Path) -> None:
-    """Photograph the page of the cleaning robot while it works."""
-    out = str(WORK / "cartesian")
-    command = ("python", "-m", "robots.cartesian_sim", "--page", "--no-browser", "--out", out)
-    with page_of(*command, width=1400, height=860) as page:
-        page.wait_for_timeout(12_000)
-        photograph(page, file)
+    """Photograph the page of the cleaning robot while it works, on four processors."""
+    with central_in(WORK / "cartesian") as (address, _):
+        robot = CleaningRobot(address)
+        with (
+            robot.module.running(),
+            robot.application.running(),
+            connect("operator", address) as operator,
+        ):
+            for order in (ENABLE, REFERENCE):
+                operator.command(order).result()
+            operator.inform(SET_SPEED, 0.8)
+            move = ApplicationMessages(NAME).move
+            for processor in robot.application.allocation().processors:
+                for activity in processor.activities:
+                    place = PROCESSORS[activity.name.partition(".")[0]]
+                    operator.command(move, ActivityMove(activity.name, place)).result()
+            cleaning = operator.command(CLEAN)
+            options = ("--central", address, "--no-browser")
+            with page_of("tca", "activities", NAME, *options, width=1400, height=860) as page:
+                page.wait_for_timeout(6_000)
+                photograph(page, file)
+            cleaning.kill()
 
+
+PROCESSORS = {
+    "device": "the device",
+    "x": "joint x",
+    "y": "joint y",
+    "tool": "tool and guide",
+    "guide": "tool and guide",
+}
+"""The processors of the activities' page, by component."""
 
 SHOWN = [
     f"--module={name}"
@@ -273,7 +305,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "recovery.png": drawn("tree", step, "--task", "take steps", "--layout", "figure"),
     "report.webp": report,
     "state-machine.svg": patrol,
-    "tree.png": drawn("tree", bare_walk, "--at", "12", "--layout", "figure"),
+    "tree.png": drawn("tree", bare_walk, "--at", "13", "--layout", "figure"),
     "turtle.svg": copied("turtle", "sheet.svg"),
     "view.webp": viewer,
     "youbot.png": copied("youbot", "changed/robot.png"),

@@ -1,0 +1,26 @@
+"""The pictures of the documents are those that ``make pictures`` makes, and they are small."""
+
+import re
+
+from docs.pages import PAGES, ROOT
+
+from dev.scripts.pictures import IMAGES, LARGEST, PICTURES
+
+RECORDS = sorted((ROOT / "dev/records").glob("*.md"))
+
+
+def test_pages_show_exactly_the_made_pictures() -> None:
+    shown = {
+        name
+        for page in (*PAGES, *RECORDS)
+        for name in re.findall(r"images/([\w-]+\.(?:svg|png|webp))\b", page.read_text())
+    }
+    assert shown == set(PICTURES)
+
+
+def test_folder_has_exactly_the_made_pictures() -> None:
+    assert {file.name for file in IMAGES.iterdir()} == set(PICTURES)
+
+
+def test_pictures_are_small() -> None:
+    assert [file.name for file in IMAGES.iterdir() if file.stat().st_size > LARGEST] == []
