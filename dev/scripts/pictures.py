@@ -235,7 +235,7 @@ def report(file: Path) -> None:
     """Photograph the first screen of a report."""
     made = WORK / "report.html"
     run("tca", "report", str(walk()), "--force", "-o", str(made))
-    with opened(made.as_uri(), 1240, 760) as page:
+    with opened(made.as_uri(), 1240, 680) as page:
         photograph(page, file)
 
 
