@@ -3,6 +3,7 @@
 # check  lint, and tests with coverage
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 # docs   the site of the documents, in build/site
+# pictures  the pictures of the documents, from real runs: a quarter of an hour on a quiet machine
 # compiled  a wheel with central's core as machine code, in build/wheel; the tests of central with it
 PYTHON ?= python3
 BIN := .venv/bin
@@ -12,7 +13,7 @@ AT_ONCE := -n 3 --dist loadfile
 # two: what is of the soak keeps a core busy each
 IN_PAIRS := -n 2 --dist loadfile
 
-.PHONY: demo test lint check bench soak docs compiled clean
+.PHONY: demo test lint check bench soak docs pictures compiled clean
 .DELETE_ON_ERROR:
 
 demo: $(READY)
@@ -38,6 +39,9 @@ soak: $(READY)
 
 docs: $(READY)
 	$(BIN)/python -m dev.site
+
+pictures: $(READY)
+	$(BIN)/python -m dev.scripts.pictures
 
 compiled: $(READY)
 	rm -rf build/wheel build/compiled

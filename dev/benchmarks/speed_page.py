@@ -1,4 +1,4 @@
-"""Write the figures and pictures of dev/records/speed.md, from the results of the benchmark of messages.
+"""Write the figures and pictures of dev/records/speed.md, from results of the benchmark.
 
 python -m dev.benchmarks.messages --peers --json FILE
 python -m dev.benchmarks.speed_page FILE
@@ -35,7 +35,7 @@ def page(report: Report) -> Iterator[str]:
     rounds = f"{report.rounds} rounds of {report.seconds:g} s"
     yield f"{report.when[:10]}, {machine}; {rounds}. {versions}."
     for name, (title, _) in PICTURES.items():
-        yield from ("", f"![{title}](images/{name})")
+        yield from ("", f"![{title}]({name})")
     yield from ("", "The scale of the pictures is logarithmic; longer is better.")
     for table in report.tables:
         yield from ("", f"**{table.stage}: {table.case}** ({table.unit})", "")
@@ -101,7 +101,7 @@ def main() -> None:
             for table in report.tables
             if table.stage == stage and not table.case.startswith(SIZES)
         ]
-        (ROOT / "docs/images" / name).write_text(picture(title, tables))
+        (ROOT / "dev/records" / name).write_text(picture(title, tables))
     words = (ROOT / "dev/records/speed.md").read_text().partition(BEGIN)[0].rstrip()
     (ROOT / "dev/records/speed.md").write_text("\n".join([words, "", *page(report), ""]))
 

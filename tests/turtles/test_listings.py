@@ -1,4 +1,4 @@
-"""The table of docs/robots/turtle.md. Each listing of the paper has a test, and a counterpart that is no
+"""The table of dev/records/turtle-listings.md. Each listing of the paper has a test, and a counterpart that is no
 longer than the listing.
 """
 
@@ -17,6 +17,7 @@ from tca_behaviours.missions import Environment, charts
 ROOT = Path(__file__).parents[2]
 TURTLE = ROOT / "robots" / "turtle_sim"
 PAGE = (ROOT / "docs/robots/turtle.md").read_text()
+LISTINGS = (ROOT / "dev/records/turtle-listings.md").read_text()
 NO_CODE = {
     tokenize.COMMENT,
     tokenize.NL,
@@ -38,7 +39,7 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     found = []
-    for line in PAGE.splitlines():
+    for line in LISTINGS.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 5 and cells[1].isdecimal():
             found.append(
