@@ -16,6 +16,7 @@ from pathlib import Path
 import PIL.Image
 from playwright.sync_api import Page, sync_playwright
 
+from dev.scripts.tutorial_picture import tutorial
 from robots.cartesian_sim.messages import CLEAN, ENABLE, REFERENCE, SET_SPEED
 from robots.cartesian_sim.robot import NAME, CleaningRobot
 from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
@@ -306,6 +307,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "report.webp": report,
     "state-machine.svg": patrol,
     "tree.png": drawn("tree", bare_walk, "--at", "13", "--layout", "figure"),
+    "tutorial-view.png": tutorial,
     "turtle.svg": copied("turtle", "sheet.svg"),
     "view.webp": viewer,
     "youbot.png": copied("youbot", "changed/robot.png"),

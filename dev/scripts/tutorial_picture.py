@@ -1,9 +1,6 @@
-"""Take the picture of the tutorial: the page of ``tca view`` while the tutorial's robot works.
+"""The picture of the tutorial: the page of ``tca view`` while the tutorial's robot works.
 
-    python dev/scripts/tutorial_picture.py
-
-It starts central and the programs of page 5 in a temporary folder, opens the page in Chromium, and
-writes ``docs/images/tutorial-view.png``.
+Central and the programs of page 5 run in a temporary folder, and Chromium opens the page.
 """
 
 import os
@@ -20,7 +17,6 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 ROOT = Path(__file__).parents[2]
-PICTURE = ROOT / "docs" / "images" / "tutorial-view.png"
 SIZE = {"width": 1280, "height": 740}
 PAGES = ("3-order", "4-failure", "5-watch")
 """The folders whose files lie over each other; the body is the one of page 4, as on page 5."""
@@ -60,7 +56,7 @@ def save_files(folder: Path) -> None:
     shutil.copy(ROOT / "examples" / "tutorial" / "4-failure" / "body.py", folder)
 
 
-def take_picture(address: str) -> None:
+def take_picture(address: str, file: Path) -> None:
     """Open the page, and take its picture soon after the detour."""
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     with sync_playwright() as playwright:
@@ -69,12 +65,12 @@ def take_picture(address: str) -> None:
         page.goto(address)
         page.get_by_text("go round").first.wait_for(timeout=60_000)
         time.sleep(0.6)  # the second try
-        page.screenshot(path=PICTURE)
+        page.screenshot(path=file)
         browser.close()
 
 
-def main() -> int:
-    """Run the robot and take the picture."""
+def tutorial(file: Path) -> None:
+    """Run the robot, and write the picture into *file*."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         save_files(folder)
@@ -87,10 +83,4 @@ def main() -> int:
         viewer = stack.enter_context(program(TCA, "view", "--no-browser", folder=folder))
         assert viewer.stdout is not None
         _, _, address = viewer.stdout.readline().partition(": ")
-        take_picture(address.split()[0])
-        print(PICTURE.relative_to(ROOT))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        take_picture(address.split()[0], file)

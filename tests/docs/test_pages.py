@@ -71,12 +71,3 @@ def test_examples_quoted_by_pages_are_the_examples() -> None:
     examples = {path.name for path in (ROOT / "examples").glob("*.py")}
     assert {name for name in examples if name not in quoted and name not in texts} == set()
 
-
-def test_pictures_of_pages_exist_and_are_used() -> None:
-    named = {
-        (page.parent / name).resolve()
-        for page in PAGES
-        for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text())
-    }
-    assert {str(path) for path in named if not path.is_file()} == set()
-    assert {path for path in (ROOT / "docs/images").iterdir() if path not in named} == set()
