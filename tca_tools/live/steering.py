@@ -169,7 +169,7 @@ def _task_of_number(client: Client, number: int) -> TaskRef:
     info = task.info() if task is not None else None
     if task is None or info is None or info.outcome:
         raise ToolError(
-            f"task {number} has ended: 'tca tree' shows how,"
+            f"task {{{number}}} has ended: 'tca tree' shows how,"
             f" given the journal of {client.address} as LOG"
         )
     return task

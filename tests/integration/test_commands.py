@@ -222,7 +222,7 @@ def test_kill_command_accepts_task_number_or_name(
     assert tca(kill, str(one.id)) == (
         1,
         "",
-        f"task {one.id} has ended: 'tca tree' shows how, given the journal of {address} as LOG\n",
+        f"task {{{one.id}}} has ended: 'tca tree' shows how, given the journal of {address} as LOG\n",
     )
     assert tca(kill, "walk") == (
         1,
