@@ -160,7 +160,8 @@ def _listed(client: Client) -> str:
 def _task_of_number(client: Client, number: int) -> TaskRef:
     if number == ROOT:
         raise ToolError(
-            f"task 0 is the root, which never ends: give the number of a task; {_listed(client)}"
+            f"task {{0}} is the root, which never ends: give the number of a task;"
+            f" {_listed(client)}"
         )
     try:
         task = client.task(number)
