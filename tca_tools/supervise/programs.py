@@ -239,4 +239,8 @@ def central_in(
         with Programs(folder, address=address) as programs:
             options = ["--journal", str(folder / f"{prefix}journal"), *["--fresh"] * is_fresh]
             programs.start_module(f"{prefix}central", "tca_central", *options, ends_last=True)
-            yield address, programs
+            os.environ[IS_STARTED_VARIABLE] = "1"  # for modules in this process
+            try:
+                yield address, programs
+            finally:
+                os.environ.pop(IS_STARTED_VARIABLE, None)
