@@ -504,7 +504,7 @@ class State(Waits):
     def why_too_deep(self, tap: Wiretap, tapped: object) -> str:
         """Return why *tap* does not send its listener for *tapped*: the chain would be too long."""
         most = self.budget.tap_depth
-        text = f"{tapped} would call '{tap.listener.name}' (wiretap {tap.id}, {tap.condition})"
+        text = f"{tapped} would call '{tap.listener.name}' (wiretap {{{tap.id}}}, {tap.condition})"
         text = f"{text} after {most} other listeners in its chain of causes"
         return (
             f"{text}, and at most {most} are allowed: let no listener send what it taps, "
@@ -571,7 +571,7 @@ class State(Waits):
         task = self.tree.task(task_id)
         if task is not None and not task.killed:
             return task
-        ended = f"task {task_id} has ended" if task is None else f"{task} was killed"
+        ended = f"task {{{task_id}}} has ended" if task is None else f"{task} was killed"
         self.ignore(connection, number, f"{ended}: {consequence}")
         return None
 

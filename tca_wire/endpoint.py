@@ -9,6 +9,9 @@ from pathlib import Path
 
 VARIABLE = "TCA_CENTRAL"
 
+IS_STARTED_VARIABLE = "TCA_CENTRAL_IS_STARTED"
+"""Set for a program whose starter also starts central: a short wait for central needs no advice."""
+
 _NUMBER_DIGITS = 6
 _LOCAL_HOSTS = (
     "tcp://127.0.0.1",

@@ -113,7 +113,7 @@ def _check_see(central: State, connection: Connection, number: TaskId) -> None:
     ):
         return
     if record is None or not _may_see_record(connection, record):
-        raise forbidden(connection, f"see task {number}, which was not its own")
+        raise forbidden(connection, f"see task {{{number}}}, which was not its own")
 
 
 def _may_see_record(connection: Connection, record: TaskRecord) -> bool:

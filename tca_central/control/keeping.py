@@ -28,7 +28,7 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
         release(central, header.task, connection.module)
     elif task is None:
         raise RequestError(
-            Refusal.TOO_LATE, f"task {header.task} has ended: keep it before it ends"
+            Refusal.TOO_LATE, f"task {{{header.task}}} has ended: keep it before it ends"
         )
     else:
         keep(central, task, connection.module)

@@ -251,7 +251,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
         text = (
             f"no monitor '{header.message}' watches"
             if header.message
-            else f"monitor {header.monitor} {state}"
+            else f"monitor {{{header.monitor}}} {state}"
         )
         central.ignore(connection, header.number, f"{text}: it can't be fired")
         return
@@ -312,7 +312,7 @@ def on_end_monitor(
     """End a monitor for a module, even one that does not watch yet."""
     watch = _requested_watch(central, header.monitor)
     if watch is None or watch.is_over:
-        central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
+        central.ignore(connection, header.number, f"monitor {{{header.monitor}}} has ended already")
         return
     end_monitor(central, watch, f"by module '{connection.module.name}'")
     central.accept(connection, header.number, header.monitor)

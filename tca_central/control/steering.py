@@ -20,7 +20,7 @@ from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
-from tca_wire.points import ROOT, THIS, Point, describe_moments
+from tca_wire.points import END_ACHIEVING, ROOT, THIS, Point, describe_moments
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
@@ -104,11 +104,11 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         if not header.task:  # central refused the task, or never got it: requests come in order
             central.accept(connection, header.number)
             return
-    checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
+    checked_seconds(header.delay, f"a kill of task {{{header.task}}} with a delay")
     is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
     task = central.tree.root if is_all else central.tree.task(header.task)
     if task is None:
-        text = f"task {header.task} has ended: it can't be killed"
+        text = f"task {{{header.task}}} has ended: it can't be killed"
         central.ignore(connection, header.number, text)
         return
     is_planned = bool(header.delay or header.after)
@@ -164,7 +164,9 @@ def on_time_out(central: State, deadline: PendingDeadline) -> None:
     if not (task.killed or task.reached & moment):
         if (policy := Policy.of(task)) is not None:
             policy.allow_no_retry()
-        text = f"{describe_moments(moment)[0]} not reached within {deadline.seconds:g} s"
+        is_end = moment == END_ACHIEVING
+        missed = "not achieved" if is_end else f"{describe_moments(moment)[0]} not reached"
+        text = f"{missed} within {deadline.seconds:g} s"
         raise_failure(central, task, RaisedFailure(TIMEOUT, text))
 
 
@@ -179,7 +181,7 @@ def on_attempt_time_out(central: State, policy: Policy) -> None:
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
     """Set a deadline for a point of a task, as a module requests."""
-    checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
+    checked_seconds(header.seconds, f"a deadline of task {{{header.point.task}}}")
     moment = checked_moment(header.point)
     task = central.living_task_or_ignore(
         connection, header.number, header.point.task, "no deadline can be set"
@@ -199,7 +201,7 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
     """Suspend or resume a task with all under it, for a module (TCM: Suspend, Unsuspend)."""
     task = central.tree.task(header.task)
     if task is None:
-        text = f"task {header.task} has ended: it can't be suspended or resumed"
+        text = f"task {{{header.task}}} has ended: it can't be suspended or resumed"
         central.ignore(connection, header.number, text)
         return
     suspend(central, task, resume=header.resume, by=connection.module.name)

@@ -22,7 +22,7 @@ def on_attach(central: State, connection: Connection, header: headers.Attach, _:
     message = _task_message(central, header.message) if header.message else None
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     if task is None:
-        text = f"task {header.task} has ended: no exception handler can be attached to it"
+        text = f"task {{{header.task}}} has ended: no exception handler can be attached to it"
         raise RequestError(Refusal.TOO_LATE, text)
     attached = attach(central, header.attachment, message or task, connection.module)
     central.accept(connection, header.number, attached.id)
@@ -101,7 +101,9 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
     elif (tap := central.taps.get(header.id)) is not None:
         remove_tap(central, tap, module, for_all=header.for_all)
     elif not 0 < header.id <= central.tree.newest:
-        raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
+        raise RequestError(
+            Refusal.UNKNOWN, f"there is no exception handler or wiretap {{{header.id}}}"
+        )
     elif not (header.for_all and _end_monitor_by_id(central, header.id, module.name)):
         removed = 0
     central.accept(connection, header.number, removed)

@@ -90,7 +90,8 @@ def _checked_holder(central: State, connection: Connection, origin: int) -> Deli
         return None
     delivery = central.dispatcher.running.get(origin)
     if delivery is None or delivery.slot is not connection:
-        what = f"delivery {origin}, for which module '{connection.module.name}' wants a resource"
+        module = connection.module.name
+        what = f"delivery {{{origin}}}, for which module '{module}' wants a resource"
         raise RequestError(Refusal.TOO_LATE, f"{what}, is not handled there")
     return delivery
 

@@ -574,7 +574,7 @@ class Delivery(Queued):
         self.refused = NOTHING_REFUSED  #: refusals of unconfirmed tasks that its handler sent
 
     def __repr__(self) -> str:
-        return f"{self.message.message_class} {self.id} '{self.message.name}'"
+        return f"{self.message.name} {{{self.id}}}"
 
     @property
     def copy_of(self) -> int:

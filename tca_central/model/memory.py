@@ -59,7 +59,7 @@ class Memory(Stored):
         if (outcome := self.outcome_of(task_id)) is not None:
             return outcome
         raise RequestError(
-            Refusal.TOO_LATE, f"task {task_id} ended too long ago to know how: see the journal"
+            Refusal.TOO_LATE, f"task {{{task_id}}} ended too long ago to know how: see the journal"
         )
 
     def remember(self, task_id: int, outcome: TaskOutcome, end: str, most_bytes: int) -> list[int]:

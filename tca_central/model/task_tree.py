@@ -58,7 +58,7 @@ class TaskTree(Stored):
         """
         task = self.tasks.get(task_id)
         if task is None and not ROOT < task_id <= self.newest:
-            raise RequestError(Refusal.UNKNOWN, f"there is no task {task_id}")
+            raise RequestError(Refusal.UNKNOWN, f"there is no task {{{task_id}}}")
         return task
 
     def last_sibling(self, parent: Task, sender: Module | None) -> Task | None:

@@ -151,9 +151,6 @@ class Task(Ordered):
         if message.format.retry is not None:
             Recovery.of(self).policy = Policy(self, message.format.retry)
 
-    def __repr__(self) -> str:
-        return f"task {self.id} '{self.message.name}'"
-
     @property
     def has_parts(self) -> bool:
         """Whether the task has any of the optional parts."""

@@ -34,8 +34,8 @@ def refuse_lost(lost: list[tuple[int, int]], header: Any) -> None:
         for task in _named(getattr(header, field)):
             if any(first <= task <= last for first, last in lost):
                 text = (
-                    f"task {task} is lost: it was not on the disk, or left out, when central was "
-                    "restarted; send it again"
+                    f"task {{{task}}} is lost: it was not on the disk, or left out, when central "
+                    "was restarted; send it again"
                 )
                 raise RequestError(Refusal.UNKNOWN, text)
 

@@ -44,11 +44,8 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
         return None
     if delivery_id <= connection.repeats_until:
         return None
-    module = connection.module.name
-    text = (
-        f"module '{module}' answers delivery {delivery_id}, which it was not given or has answered"
-    )
-    raise RequestError(Refusal.UNKNOWN, text)
+    answer = f"module '{connection.module.name}' answers delivery {{{delivery_id}}}"
+    raise RequestError(Refusal.UNKNOWN, f"{answer}, which it was not given or has answered")
 
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:

@@ -169,7 +169,7 @@ def _send_task(
         _check_extras(central, header)
     parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
     if parent is None:
-        text = f"task {header.parent} has ended: nothing can be added under it"
+        text = f"task {{{header.parent}}} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
     central.check_task_depth(message, parent)
     central.check_room(len(body) + EDGE_BYTES * len(header.constraints))

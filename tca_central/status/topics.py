@@ -352,7 +352,7 @@ def on_inspect(central: State, connection: Connection, header: headers.Inspect, 
     living = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     task = living or central.memory.records.get(header.task)
     found = relatives(central, task, header.relation, header.message)
-    what = f"the {header.relation} of task {header.task}"
+    what = f"the {header.relation} of task {{{header.task}}}"
     _answer(central, connection, header.number, found, what)
 
 

@@ -105,7 +105,7 @@ def _tapped_place(central: State, header: headers.Tap) -> Task | MessageType:
         if task is None and header.at_once:
             task = _stand_in(central, header)
         if task is None:
-            text = f"task {header.task} has ended: it can't be tapped"
+            text = f"task {{{header.task}}} has ended: it can't be tapped"
             raise RequestError(Refusal.TOO_LATE, text)
         return task
     if header.at_once:

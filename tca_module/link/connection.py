@@ -5,6 +5,7 @@ missing and why.
 """
 
 import contextlib
+import os
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -24,6 +25,7 @@ from tca_module.session.registering import register_headers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
 from tca_module.sockets.transport import accepts_connections
+from tca_wire.endpoint import IS_STARTED_VARIABLE
 from tca_wire.messages.message import Message, with_needed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
@@ -31,6 +33,7 @@ from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
 _LOG_AFTER = 1.0  # seconds of waiting for central after which a module says so
+_LOG_AFTER_IF_STARTED = 10.0  # the same for a module whose starter also starts central
 # seconds within which central accepts or refuses a request, even while it answers others
 ACKNOWLEDGED_WITHIN = 30.0
 _LEAVE_WITHIN = 2.0  # seconds that central has to acknowledge a leaving module
@@ -57,7 +60,8 @@ class Connection(Waits):
         def is_over() -> bool:
             return session.is_welcome or session.refused is not None or is_stopped()
 
-        if logs_wait and not self.wait_loop.until(is_over, _LOG_AFTER, since=since):
+        after = _LOG_AFTER_IF_STARTED if IS_STARTED_VARIABLE in os.environ else _LOG_AFTER
+        if logs_wait and not self.wait_loop.until(is_over, after, since=since):
             where = self.transport.address
             self.log.warning(
                 "%s is waiting for central at %s (start it with: tca central)", what, where

@@ -344,7 +344,7 @@ class CentralServices:
         """
         check("detach()", checks.NUMBER, number=number)
         header = headers.Remove(0, number, for_all=True, origin=self._origin)
-        return bool(self._connection().call(header, f"detaching {number}"))
+        return bool(self._connection().call(header, f"detaching {{{number}}}"))
 
     def _claim(
         self,

@@ -7,7 +7,6 @@ from typing import Annotated, Any, TypedDict, Unpack, overload
 from tca_module import checks
 from tca_module.checks import (
     EXECUTED,
-    LateText,
     check,
     check_class,
     check_function,
@@ -36,6 +35,7 @@ from tca_wire.messages.declarations import (
 )
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import THIS, TaskId
+from tca_wire.text.measures import counted
 from tca_wire.vocabulary import Refusal
 
 # Seconds between two attempts to send a message for which there was no room.
@@ -322,9 +322,7 @@ class Sender(WatchingServices, QuestionServices):
             check("constrain()", checks.CONSTRAINT, each=constraint)
         if constraints:
             header = Constrain(0, list(constraints), self._origin)
-            self._connection().call(
-                header, LateText(lambda: f"constraint {', '.join(map(str, constraints))}")
-            )
+            self._connection().call(header, f"adding {counted(len(constraints), 'constraint')}")
 
     # --- questions --------------------------------------------------------------------------------
 

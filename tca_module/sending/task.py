@@ -312,12 +312,13 @@ class Task(Sender, TaskNode, ReportingTask):
     def shielded(self) -> AbstractContextManager[None]:
         """Start a ``with`` block whose waits are not cut short by a kill or the module's end.
 
-        Use it for the steps that leave things safe. ``cancelled`` still becomes true.
+        Use it for the steps that leave things safe. ``cancelled`` still becomes true. A subtask
+        that is sent here is killed at once with its task: send actions with ``on_termination()``.
 
         Example::
 
             with task.shielded():
-                task.command(RETRACT).wait()
+                task.query(IS_RETRACTED)
         """
         return self._own_connection().session.open_deliveries.shielded()
 

@@ -268,7 +268,9 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         """Return a point in words. Never waits for the id of the point's task."""
         if isinstance(point.task, SentId) and not point.task.request.is_over:
             return f"{describe_moments(point.moment)[0]} of {point.task.what}"
-        return f"{point} ('{self.message}')" if point.task == self._tree_id() else str(point)
+        if point.task != self._tree_id():
+            return str(point)
+        return f"{describe_moments(point.moment)[0]} of {self!r}"
 
     # --- failures ---------------------------------------------------------------------------------
 

@@ -162,7 +162,7 @@ def _listed(client: Client, tasks: Sequence[TaskRef]) -> str:
 def _task_of_number(client: Client, number: int) -> TaskRef:
     if number == ROOT:
         raise ToolError(
-            "task 0 is the root, which never ends: give the number of a task; "
+            "task {0} is the root, which never ends: give the number of a task; "
             + _listed(client, client.tasks())
         )
     try:
@@ -172,7 +172,7 @@ def _task_of_number(client: Client, number: int) -> TaskRef:
     info = task.info() if task is not None else None
     if task is None or info is None or info.outcome:
         raise ToolError(
-            f"task {number} has ended: 'tca tree' shows how,"
+            f"task {{{number}}} has ended: 'tca tree' shows how,"
             f" given the journal of {client.address} as LOG"
         )
     return task

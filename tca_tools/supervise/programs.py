@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from tca_module import Message, Sender, SentTask, TcaError, Timeout
 from tca_tools.supervise import guard
-from tca_wire.endpoint import VARIABLE
+from tca_wire.endpoint import IS_STARTED_VARIABLE, VARIABLE
 
 GRACE = 10.0
 """Seconds that a program has to end after SIGINT."""
@@ -61,7 +61,9 @@ class Programs:
             report: is called with a line of text when the guard was killed.
         """
         self._folder = folder
-        self._environment = {**os.environ, VARIABLE: address} if address else None
+        self._environment = {**os.environ}
+        if address:
+            self._environment |= {VARIABLE: address, IS_STARTED_VARIABLE: "1"}
         self._grace = grace
         self._guard_command = [sys.executable, "-IS", guard.__file__, f"{grace:g}", starter]
         self._report = report
@@ -237,4 +239,8 @@ def central_in(
         with Programs(folder, address=address) as programs:
             options = ["--journal", str(folder / f"{prefix}journal"), *["--fresh"] * is_fresh]
             programs.start_module(f"{prefix}central", "tca_central", *options, ends_last=True)
-            yield address, programs
+            os.environ[IS_STARTED_VARIABLE] = "1"  # for modules in this process
+            try:
+                yield address, programs
+            finally:
+                os.environ.pop(IS_STARTED_VARIABLE, None)

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from tca_tools.errors import BadUserFile
 from tca_tools.user_toml import check_keys, check_table, read_table, read_toml
-from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
+from tca_wire.endpoint import IS_STARTED_VARIABLE, VARIABLE, default_endpoint, new_journal
 from tca_wire.text.nearest import nearest_or_all
 
 CENTRAL = "central"
@@ -163,8 +163,9 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
         if instead := _NOT_AS_OPTIONS.get(option.partition("=")[0]):
             raise BadUserFile(f"central.options: leave {option} out: {instead}")
     programs = [_central(central, address, folder)] if central.start else []
+    environment = _environment(address, starts_central=central.start)
     for name, table in tables.get("modules", {}).items():
-        programs += _copies(name, table, common, address, folder)
+        programs += _copies(name, table, common, environment, folder)
     if not programs:
         raise BadUserFile("there are no programs to run: add a table [modules.NAME] with a command")
     return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN))
@@ -179,7 +180,7 @@ def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
     journal = _path(folder, table.journal) if table.journal else new_journal()
     options = ["--bind", address, "--journal", str(journal), *table.options]
     command = [sys.executable, "-m", "tca_central", *options]
-    environment = _environment(address, {})
+    environment = _environment(address, starts_central=True)
     return Launch(
         name=CENTRAL,
         command=command,
@@ -192,7 +193,7 @@ def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
 
 
 def _copies(
-    name: str, given: Any, common: dict[str, Any], address: str, folder: Path
+    name: str, given: Any, common: dict[str, Any], environment: dict[str, str], folder: Path
 ) -> list[Launch]:
     """Return the launches of a module's table, one for each copy."""
     place = f"modules.{name}"
@@ -209,7 +210,7 @@ def _copies(
     cwd = _path(folder, table.cwd)
     if not cwd.is_dir():
         raise BadUserFile(f"{place}.cwd: there is no folder {cwd}")
-    command, env = _words(place, table.command), _environment(address, table.env)
+    command, env = _words(place, table.command), environment | table.env
     program = cwd / command[0] if "/" in command[0] else command[0]
     if shutil.which(program, path=env["PATH"]) is None:
         raise BadUserFile(
@@ -255,7 +256,8 @@ def _log(folder: Path, name: str, program: str) -> Path | None:
     return _path(folder, name) / f"{program}.log" if name else None
 
 
-def _environment(address: str, added: dict[str, str]) -> dict[str, str]:
+def _environment(address: str, *, starts_central: bool) -> dict[str, str]:
     """Return the environment of a program: ours, with our Python first and unbuffered output."""
+    started = {IS_STARTED_VARIABLE: "1"} if starts_central else {}
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
-    return {**os.environ, "PATH": path, "PYTHONUNBUFFERED": "1", VARIABLE: address, **added}
+    return {**os.environ, "PATH": path, "PYTHONUNBUFFERED": "1", VARIABLE: address, **started}

@@ -49,7 +49,7 @@ def test_unanswered_client_requests_are_limited(player: Player) -> None:
     assert isinstance(refused, headers.Refused)
     assert (refused.refusal, refused.text) == (
         Refusal.OVERLOAD,
-        "32 requests wait for the handler of task 1 'move' already",
+        "32 requests wait for the handler of move {1} already",
     )
     player.change("legs/1", task, "hush")
     assert isinstance(player.change("user", task, "nag")[-1], headers.Accepted)

@@ -159,7 +159,7 @@ def test_next_exception_handler_receives_long_failure_text() -> None:
     (asked,) = [header for header in sent if isinstance(header, headers.Deliver)]
     context = str(asked.context)
     assert "ValueError: not an image: iVBOR" in context
-    assert "exception handler task 4 'recover' could not decide: timeout" in context
+    assert "exception handler recover {4} could not decide: timeout" in context
 
 
 def test_message_names_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,7 +195,7 @@ def test_forgotten_outcome_is_not_reported_as_done(
         player.task("user", "move")
         player.reply("legs/1", value=5)
     (answer,) = player.request("user", headers.AwaitPoint, point(failed, Moment.END_ACHIEVING))
-    assert answer.text == f"task {failed} ended too long ago to know how: see the journal"
+    assert answer.text == f"task {{{failed}}} ended too long ago to know how: see the journal"
 
 
 def test_negative_pending_limit_is_refused() -> None:
@@ -270,7 +270,7 @@ def test_pending_kills_and_deadlines_of_a_task_are_limited() -> None:
     for _ in range(500):
         player.request("user", headers.Deadline, end, 1e6)
         player.request("user", headers.Kill, TaskId(task), "", Scope.TASK, None, 1e6)
-    text = f"1,000 kills, deadlines and delays are pending for task {task} 'move' already"
+    text = f"1,000 kills, deadlines and delays are pending for move {{{task}}} already"
     for header in (
         headers.Deadline(0, end, 1.0),
         headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0),
@@ -308,7 +308,7 @@ def test_failing_exception_handlers_come_to_an_end(number: int) -> None:
         assert delivery.slot
         player.fail(delivery.slot.id.decode(), "handler error", delivery.handling_id)
     assert calls == 9 * number - 1
-    assert player.facts(Killed)[-1].why == f"failure 'slip' of task {task} 'move' was not handled"
+    assert player.facts(Killed)[-1].why == f"failure 'slip' of move {{{task}}} was not handled"
     check_invariants(player.central)
 
 

@@ -105,7 +105,7 @@ def test_reply_to_foreign_delivery_is_refused_by_name() -> None:
     (answer,) = robot.receive("thief/1", headers.Reply(delivery))
     assert (
         answer.text
-        == f"module 'thief' answers delivery {delivery}, which it was not given or has answered"
+        == f"module 'thief' answers delivery {{{delivery}}}, which it was not given or has answered"
     )
     assert robot.delivered("planner/1") == [delivery]
 

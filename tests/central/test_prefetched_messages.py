@@ -124,7 +124,7 @@ def test_module_loss_is_logged_as_one_line(
         if isinstance(effect, Record):
             lines.write(effect)
     first, *_ = deliveries(player, "ear/1")
-    named = ", ".join(f"query {number} 'where'" for number in range(first, first + 3))
+    named = ", ".join(f"where {{{number}}}" for number in range(first, first + 3))
     assert [line for line in caplog.messages if "failure" in line] == [
         f"failure 'module lost' of {named} and 2 more: module 'ear' was lost: its connection closed"
     ]

@@ -139,7 +139,7 @@ def test_detach_removes_attachments_of_a_disconnected_module(
     )
     with pytest.raises(Refused, match="is a goal, which is not attached: kill it to end it"):
         user.detach(walk.id)
-    with pytest.raises(Refused, match="there is no exception handler or wiretap 9999"):
+    with pytest.raises(Refused, match=r"no exception handler or wiretap \{9999\}"):
         user.detach(9999)
     gone = daemon.facts(facts.Removed)
     numbers = [of_all.id, of_one.id, check.id, watched.id]

@@ -320,8 +320,8 @@ def test_failure_is_logged_as_one_printable_line(
                 assert legs.command(MOVE, number).wait() is Outcome.FAILED
     lines = map(LineFormatter().format, caplog.records)
     assert [line for line in lines if "failure '" in line] == [
-        r"failure 'stuck' of task 1 'move': in \x1b[2Jthe mud ...",
-        "failure 'stuck' of task 2 'move'",
+        r"failure 'stuck' of move {1}: in \x1b[2Jthe mud ...",
+        "failure 'stuck' of move {2}",
     ]
 
 

@@ -222,7 +222,7 @@ def test_kill_command_accepts_task_number_or_name(
     assert tca(kill, str(one.id)) == (
         1,
         "",
-        f"task {one.id} has ended: 'tca tree' shows how, given the journal of {address} as LOG\n",
+        f"task {{{one.id}}} has ended: 'tca tree' shows how, given the journal of {address} as LOG\n",
     )
     assert tca(kill, "walk") == (
         1,
@@ -344,9 +344,9 @@ def test_raise_command_fails_the_task(robot: list[str], user: Client) -> None:
         (
             "0",
             1,
-            "task 0 is the root, which never ends: give the number of a task; central at ADDRESS has no living tasks",
+            "task {0} is the root, which never ends: give the number of a task; central at ADDRESS has no living tasks",
         ),
-        ("999", 1, "there is no task 999: central at ADDRESS has no living tasks"),
+        ("999", 1, "there is no task {999}: central at ADDRESS has no living tasks"),
         ("9" * 30, 2, f"task(): task_id must be a number, as in the journal, not {'9' * 30}"),
         ("nobody", 1, "no living task is called 'nobody': central at ADDRESS has no living tasks"),
         ("", 2, "'' is not a task: give the number of a task, or its message's name"),

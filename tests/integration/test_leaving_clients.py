@@ -81,7 +81,7 @@ def test_open_tasks_are_named_once_unless_told_how(
     _, errors = program(SCRIPT.format(how=how), address).communicate()
     walks = open_walks(observer)
     assert len(walks) == 1
-    assert errors.count(f"{walks[0]} 'walk'") == (0 if how else 1)
+    assert errors.count(f"walk {{{walks[0]}}}") == (0 if how else 1)
     assert "stand" not in errors
     observer.tasks(WALK)[0].kill()
 

@@ -129,7 +129,7 @@ def check_module_lost_and_rejoined(
             legs.hear("was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
             legs.terminate()
-            late = f"the answer of task 1 'step' came too late: the module had been lost ({why})\n"
+            late = f"the answer of step {{1}} came too late: the module had been lost ({why})\n"
             assert legs.communicate()[1] == late
         log = [
             line

@@ -248,7 +248,7 @@ def test_watch_follows_descendants_until_the_task_ends(central: LocalCentral, us
         (["grip"], 1, "no module has declared a message 'grip': did you mean 'grasp'?"),
         (["1", "--under", "1"], 2, "task 1 is one task: leave --under out"),
         (["--under", "walk"], 1, "no living task is called 'walk': living tasks are grasp {1}"),
-        (["7"], 1, "there is no task 7: living tasks are grasp {1}"),
+        (["7"], 1, "there is no task {7}: living tasks are grasp {1}"),
     ],
 )
 @pytest.mark.usefixtures("sent")

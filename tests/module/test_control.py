@@ -304,7 +304,7 @@ def test_task_reports_its_relatives(robot: Robot, user: Client) -> None:
         assert [one.id for one in waiting.ancestors()] == [walk.id]
         assert walk.parent() is None
         with pytest.raises(
-            Timeout, match=r"end achieving task \d+ \('move'\) was not reached within 0 s"
+            Timeout, match=r"end achieving of move \{\d+\} was not reached within 0 s"
         ):
             waiting.wait(0)
         assert waiting.wait_for(walk.handling.end, timeout=5) is Outcome.DONE
@@ -478,7 +478,7 @@ WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charg
 def test_monitor_waits_for_condition_handler_and_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    blind = "'watch' sees nothing until a module handles its condition 'battery'"
+    blind = "sees nothing until a module handles its condition 'battery'"
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
 
         def gauge() -> Module:
@@ -493,7 +493,7 @@ def test_monitor_waits_for_condition_handler_and_is_logged(
             monitor = user.monitor(WATCH_BATTERY, period=0.05)
             until(tests, "the monitor has tested its condition")
             assert "sees nothing" not in caplog.text
-        until(lambda: f"task {monitor.id} {blind}" in caplog.text, "the log has the warning")
+        until(lambda: f"watch {{{monitor.id}}} {blind}" in caplog.text, "the log has the warning")
         assert caplog.text.count("sees nothing") == 1
         before = tests()
         with gauge().running():

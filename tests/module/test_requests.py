@@ -497,4 +497,4 @@ def test_busy_handler_rejects_or_is_preempted(user: Client, central: LocalCentra
         assert walks[0].wait() is Outcome.KILLED
         central.advance(10)
         assert (walks[1].wait(), talks[0].wait()) == (Outcome.DONE, Outcome.DONE)
-        assert requests_seen == ["1: pre-empted by task 4 'walk'"]
+        assert requests_seen == ["1: pre-empted by walk {4}"]

@@ -115,7 +115,7 @@ def test_async_exception_handler_resolves_failure(robot: Robot, user: Client) ->
 def test_unresolved_failure_ends_parent_goal(robot: Robot, user: Client) -> None:
     robot.reactions = [observe]
     user.on_failure(None, LOOK)
-    with pytest.raises(TaskFailed, match="'look' returned without dealing with it"):
+    with pytest.raises(TaskFailed, match=r"look \{\d+\} returned without dealing with it"):
         user.goal(WALK).result(SOON)
     assert "swing" not in robot.done
 

@@ -121,7 +121,7 @@ def test_handler_constrains_its_own_points(robot: Robot, user: Client) -> None:
     def rest(task: Task) -> None:
         move = task.command(MOVE_LEG, 1, constraints=[task.handling.end <= this.achieving.start])
         with pytest.raises(
-            Timeout, match=r"start achieving task 2 .'move leg'. was not reached within 0.05 s"
+            Timeout, match=r"start achieving of move leg \{2\} was not reached within 0.05 s"
         ):
             move.wait_for(move.achieving.start, timeout=0.05)
 
@@ -132,7 +132,9 @@ def test_handler_constrains_its_own_points(robot: Robot, user: Client) -> None:
 
 def test_circular_constraint_is_refused_without_trace(robot: Robot, user: Client) -> None:
     first, second = user.goal(REST), user.goal(REST)
-    with pytest.raises(Refused, match=r"constraint .* was refused: .* would be a cycle"):
+    with pytest.raises(
+        Refused, match=r"^adding 1 constraint was refused: constraint .* would be a cycle"
+    ):
         user.constrain(second.achieving.end <= first.achieving.start)
     with pytest.raises(Refused, match=r"goal 'rest' was refused: .* would be a cycle"):
         user.goal(REST, constraints=[this.achieving.end <= this.achieving.start]).id  # noqa: B018
@@ -165,7 +167,7 @@ def test_wait_for_returns_when_point_is_reached(robot: Robot, user: Client) -> N
         stop = user.command(STOP)
         assert stop.wait_for(stop.handling.start, SOON) is Outcome.DONE
         with pytest.raises(
-            Timeout, match=r"end achieving task 1 \('stop'\) was not reached within 0.01 s"
+            Timeout, match=r"end achieving of stop \{1\} was not reached within 0.01 s"
         ):
             stop.result(0.01)
         assert (
@@ -175,7 +177,7 @@ def test_wait_for_returns_when_point_is_reached(robot: Robot, user: Client) -> N
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
         with pytest.raises(MisuseError, match="point must be a point of a task"):
             stop.wait_for("end")  # type: ignore[arg-type]
-        with pytest.raises(Refused, match="there is no task 99"):
+        with pytest.raises(Refused, match=r"there is no task \{99\}"):
             stop.wait_for(Point(99, Moment.END_ACHIEVING))  # type: ignore[arg-type]
 
 
@@ -218,7 +220,7 @@ def test_failure_without_data_must_be_called_to_raise(robot: Robot, user: Client
             user.goal(REST).result(SOON)
         with pytest.raises(TaskFailed, match=r"failed: exhausted$") as failed:
             user.command(STOP).result(SOON)
-        with pytest.raises(TaskFailed, match=r"failed: exhausted: in (task 4 'stop'|stop \{4\})$"):
+        with pytest.raises(TaskFailed, match=r"failed: exhausted: in stop \{4\}$"):
             user.goal(WALK, Arc(1.0, 1)).result(SOON)
     assert failed.value.data_as(EXHAUSTED) is None
     assert failed.value.data is None

@@ -308,7 +308,7 @@ class Seen:
     def take_refused_retry(self, task: int) -> bool:
         """Take central's refusal of a retry of its own, which would wait for itself."""
         found = self.refused_retries[:1]
-        if found and found[0].text.startswith(f"task {task} "):
+        if found and found[0].text.partition(" can't")[0].endswith(f" {{{task}}}"):
             del self.refused_retries[0]
             return True
         return False

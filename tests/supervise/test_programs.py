@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from processes import Process
 
 from tca_tools.supervise import guard
 from tca_tools.supervise.programs import ProgramEnded, Programs
+from tca_wire.endpoint import VARIABLE
 
 DEAF = ("sh", "-c", "trap '' INT TERM; echo deaf; sleep 60 & sleep 60")
 IDLE = ("sh", "-c", "echo idle; exec sleep 60")
@@ -83,6 +85,26 @@ def test_program_that_ends_early_is_noticed(tmp_path: Path) -> None:
         time.sleep(0.1)
         with pytest.raises(ProgramEnded, match=f"short has ended: see {tmp_path}/short.log"):
             programs.check()
+
+
+LONELY = """
+import contextlib
+from tca_module import CentralLost, Module
+with contextlib.suppress(CentralLost):
+    Module("legs").run(patience=1.5)
+print("ended")
+"""
+
+
+@pytest.mark.parametrize("starts_central", [True, False])
+def test_wait_for_central_is_not_logged_while_central_starts(
+    tmp_path: Path, starts_central: bool
+) -> None:
+    address = f"ipc://{tmp_path}/central.sock"
+    with Programs(tmp_path, address=address if starts_central else "") as programs:
+        programs.start("legs", "env", f"{VARIABLE}={address}", sys.executable, "-uc", LONELY)
+        until(lambda: "ended" in programs.log("legs").read_text(), "it gives up")
+        assert ("start it with: tca central" in programs.log("legs").read_text()) != starts_central
 
 
 STARTER = """

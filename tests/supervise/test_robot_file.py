@@ -10,6 +10,7 @@ from tca_tools.errors import BadUserFile
 from tca_tools.supervise.command import run
 from tca_tools.supervise.restarts import Restarts, how_it_ended
 from tca_tools.supervise.robot_file import Limits, RobotFile, load
+from tca_wire.endpoint import IS_STARTED_VARIABLE
 
 
 def loaded(folder: Path, text: str) -> RobotFile:
@@ -73,6 +74,13 @@ def test_robot_file_starts_its_programs(tmp_path: Path) -> None:
     assert [one.name for one in robot.only(["legs"]).programs] == ["legs.1", "legs.2"]
     with pytest.raises(BadUserFile, match="--only leg: did you mean 'legs'"):
         robot.only(["leg"])
+
+
+@pytest.mark.parametrize("start", ["true", "false"])
+def test_program_is_informed_that_central_starts(tmp_path: Path, start: str) -> None:
+    text = f"[central]\nstart = {start}\n[modules.legs]\ncommand = 'sh'\n"
+    *_, legs = loaded(tmp_path, text).programs
+    assert (IS_STARTED_VARIABLE in legs.env) == (start == "true")
 
 
 def test_check_prints_the_plan_and_starts_nothing(tmp_path: Path) -> None:

@@ -165,7 +165,7 @@ def test_report_shows_one_line_of_a_traceback_until_opened(
         story.at(2.0).failed(fry, "handler error", traceback).say(
             facts.Unhandled(TaskId(fry)),
             facts.Killed(
-                TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"
+                TaskId(fry), "failure 'handler error' of fry {1} was not handled", "central"
             ),
         )
         story.reached(fry, Moment.END_HANDLING, Moment.END_ACHIEVING)
