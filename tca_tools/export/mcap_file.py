@@ -1,4 +1,4 @@
-"""A run as an MCAP file: JSON messages on topics, each with a JSON Schema (see docs/tools/exports.md)."""
+"""A run as an MCAP file: JSON messages on topics with JSON Schemas (see docs/tools/exports.md)."""
 
 import heapq
 import re
