@@ -7,13 +7,15 @@ from typing import Any
 import msgpack
 import zmq
 
-from tca_module import Command, Module, Query
+from tca_module import Command, Module, Query  # only for the other side, at the end
 
 HELLO, REGISTER, UNREGISTER, SEND, REPLY, AWAIT_POINT, BYE = 1, 2, 3, 4, 5, 8, 12
 WELCOME, ACCEPTED, ANSWER, DELIVER, BEAT, UNKNOWN = 33, 34, 36, 37, 39, 40
 NUMBER, NOTHING = '{"type":"number"}', '{"type":"null"}'
 MOVE, LIMIT = ["move", "command", NUMBER, NUMBER], ["limit", "query", NOTHING, NUMBER]
 END_ACHIEVING, RUN = 32, secrets.token_hex(16)
+RUNTIME = os.environ.get("XDG_RUNTIME_DIR")
+FOLDER = f"{RUNTIME}/tca" if RUNTIME else f"/tmp/tca-{os.getuid()}"
 
 
 class Connection:
@@ -21,7 +23,7 @@ class Connection:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.socket.setsockopt(zmq.IMMEDIATE, 1)
         self.socket.setsockopt(zmq.PROBE_ROUTER, 1)
-        self.socket.connect(os.environ["TCA_CENTRAL"])
+        self.socket.connect(os.environ.get("TCA_CENTRAL", f"ipc://{FOLDER}/central.sock"))
         self.requests, self.packet = 0, b""
         self.request(WELCOME, HELLO, 7, "raw", RUN, number, resource)
 

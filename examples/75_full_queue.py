@@ -29,6 +29,7 @@ if __name__ == "__main__":
         last = display.command(SHOW, "the news", sequential=False)
         display.command(SHOW, "a warning", sequential=False, priority=10)
         counts = [display.query_send(COUNT, picture) for picture in (1, 2, 3)]
+        display.modules()  # the answer shows that central has received all messages above
         may_finish.set()
         for pending in counts:
             try:

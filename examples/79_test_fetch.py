@@ -1,9 +1,8 @@
-"""Test a robot with pytest: one test in its own process with a stepped clock, one with a daemon.
+"""Test a planner with pytest: once with a daemon, once without, with a clock that the test steps.
 
-``pytest examples/79_pytest.py`` runs the tests. The plugin gives each of them its own central.
+``pytest 79_test_fetch.py`` runs the tests. Each has a central of its own.
 """
 
-import os
 import sys
 
 import pytest
@@ -40,4 +39,4 @@ def test_fetch_fails_after_a_minute_without_a_hand(tca_central: LocalCentral) ->
 
 
 if __name__ == "__main__":
-    sys.exit(pytest.main(["-q", "-Wignore", "-pno:cacheprovider", "-c", os.devnull, __file__]))
+    sys.exit(pytest.main(["-q", "-Wignore", __file__]))
