@@ -31,9 +31,9 @@ if __name__ == "__main__":
         counts = [display.query_send(COUNT, picture) for picture in (1, 2, 3)]
         display.modules()  # the answer shows that central has received all messages above
         may_finish.set()
+        last.wait(timeout=10)
         for pending in counts:
             try:
                 print("people:", pending.receive(timeout=10))
             except QueryFailed as error:
                 print(error)
-        last.wait(timeout=10)
