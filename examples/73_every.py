@@ -12,7 +12,10 @@ degrees = count(178)
 
 @oven.every(0.1)
 def measure(callback: Callback) -> None:
-    callback.inform(TEMPERATURE, next(degrees))
+    now = next(degrees)
+    callback.inform(TEMPERATURE, now)
+    if now == 180:
+        callback.cancel()
 
 
 @display.handles(TEMPERATURE)
