@@ -17,7 +17,7 @@ WHERE, ROUTE = Query("where", reply=int), Query("route", int, reply=int)
 
 map_, guard = Module("map"), Module("guard")
 planner = Module("planner", requires=[WHERE])
-has_map_left = threading.Event()
+is_over = threading.Event()
 
 
 @map_.handles(WHERE)
@@ -33,13 +33,14 @@ def route(task: Task, goal: int) -> int:
 @guard.handles(HANDLERS_CHANGED)
 def on_change(_: Task, change: HandlerCount) -> None:
     print(f"'{change.message}' is handled by {change.handlers}")
+    if change.message == "route" and not change.handlers:
+        is_over.set()
 
 
 @guard.handles(MODULE_LEFT)
 def on_leave(_: Task, departure: Departure) -> None:
     if departure.module == "map":
         print(f"{departure.module} left: {departure.why}")
-        has_map_left.set()
 
 
 if __name__ == "__main__":
@@ -50,6 +51,6 @@ if __name__ == "__main__":
         with map_.running():
             user.wait_until_handled(ROUTE, timeout=10)
             print("route:", user.query(ROUTE, 10), "by", user.handlers(ROUTE)[0].module)
-        has_map_left.wait(10)
         planner.stop()
         starting.join()
+        is_over.wait(10)
