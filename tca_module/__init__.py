@@ -56,7 +56,7 @@ from tca_module.sending.task import Task
 from tca_module.sending.task_points import this
 from tca_module.sending.task_ref import Change, SentTask, TaskRef
 from tca_module.sending.task_requests import TaskRequest
-from tca_module.sending.watching import MonitorOptions
+from tca_module.sending.watching import MonitorOptions, Watched
 from tca_module.serving.callbacks import Callback
 from tca_module.serving.handler_options import HandlerOptions
 from tca_module.serving.server import Server
@@ -216,6 +216,7 @@ __all__ = [
     "Trouble",
     "Variable",
     "VariableNotSet",
+    "Watched",
     "aconnect",
     "connect",
     "ending",

@@ -98,6 +98,7 @@ class ScenarioModule:
         self._capacities[name] = capacity
         return name
 
+    @checks.with_options
     def handles(
         self, message: Message[Any, Any], **options: Unpack[HandlerOptions]
     ) -> Callable[[Function], Function]:
@@ -143,7 +144,16 @@ class ScenarioModule:
     def does(self, function: Function) -> Function:
         """Declare the decorated function as the module's own program, which runs outside of tasks.
 
-        It gets a ``Script``. A module has at most one.
+        A module has at most one.
+
+        Args:
+            function: takes a ``Script``.
+
+        Returns:
+            The function.
+
+        Raises:
+            ScenarioError: the module has a program already.
         """
         if self.own_program is not None:
             raise ScenarioError(
@@ -154,7 +164,14 @@ class ScenarioModule:
         return function
 
     def at_start(self, function: Function) -> Function:
-        """Declare a function that runs when the module has joined, before it handles anything."""
+        """Declare a function that runs when the module has joined, before it handles anything.
+
+        Args:
+            function: takes a ``Script``.
+
+        Returns:
+            The function.
+        """
         self._start_programs.append(Program(f"at_start in {self.name}", function, None))
         return function
 
