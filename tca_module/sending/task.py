@@ -235,6 +235,9 @@ class Task(Sender, TaskNode, ReportingTask):
         Args:
             seconds: 0 or more; a test may step the clock.
 
+        Returns:
+            None; in an async handler an awaitable.
+
         Raises:
             TaskKilled: the task was killed; in an async handler CancelledError.
             Stopped: the module ends; in an async handler CancelledError.
@@ -250,6 +253,9 @@ class Task(Sender, TaskNode, ReportingTask):
 
         Args:
             moment: the time, in seconds of ``time()``. If it has passed, the call returns at once.
+
+        Returns:
+            None; in an async handler an awaitable.
 
         Raises:
             TaskKilled: the task was killed; in an async handler CancelledError.
@@ -313,6 +319,9 @@ class Task(Sender, TaskNode, ReportingTask):
         """Start a ``with`` block whose waits are not cut short by a kill or the module's end.
 
         Use it for the steps that leave things safe. ``cancelled`` still becomes true.
+
+        Returns:
+            The block.
 
         Example::
 

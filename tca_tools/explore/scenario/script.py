@@ -64,7 +64,11 @@ class _Choices:
     _explored: ScriptConnection
 
     def choose(self, *alternatives: T) -> T:
-        """Return one of *alternatives*; each of them is explored."""
+        """Return one of *alternatives*; each of them is explored.
+
+        Args:
+            alternatives: the values to choose from.
+        """
         if not alternatives:
             self._explored.end(
                 ScenarioError("choose() has nothing to choose from: give it the alternatives")
