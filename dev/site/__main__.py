@@ -8,10 +8,10 @@ import json
 import re
 import subprocess
 import sys
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-SITE = ROOT / "build" / "site"
+from dev.site.parts import write_parts
+from dev.site.root import ROOT, SITE
+
 RECORDS = "decisions/"
 COLOUR = re.compile(r"\x1b\[[\d;]*m")
 WRONG = re.compile(r"(?:Warning|Error): (.+)\n.*\[ (\S+:\d+)", re.IGNORECASE)
@@ -21,6 +21,7 @@ DOCSTRING = re.compile(r"griffe: .+")
 
 def build() -> str:
     """Build the site, and return what was printed if something is wrong."""
+    write_parts()
     done = subprocess.run(
         [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
         cwd=ROOT,
