@@ -80,6 +80,11 @@ class Client(Sender, checks.OnlyBlocking):
         Raises:
             Timeout: central did not answer in time.
             MisuseError: there is no such topic.
+
+        Example::
+
+            for module in user.status("modules"):
+                print(module)
         """
         check("status()", _TOPIC, topic=topic)
         check("status()", checks.TIMEOUT, timeout=timeout)

@@ -306,6 +306,11 @@ class Module(LoopModule):
                 central went away later.
             NotSent: messages may not have arrived when the module ended.
             MisuseError: the module runs already, or an argument has the wrong type or range.
+
+        Example::
+
+            arm = Module("arm")
+            arm.run(patience=60)
         """
         running = self.running(patience=patience, reconnect=reconnect, linger=linger)
         with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:

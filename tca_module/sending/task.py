@@ -242,6 +242,10 @@ class Task(Sender, TaskNode, ReportingTask):
             TaskKilled: the task was killed; in an async handler CancelledError.
             Stopped: the module ends; in an async handler CancelledError.
             CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            task.sleep(0.5)
         """
         check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
         return self.sleep_until(self.time() + seconds)

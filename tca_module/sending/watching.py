@@ -138,6 +138,11 @@ class WatchingServices(CentralServices):
         Raises:
             CentralLost: the present central does not have that *epoch*.
             MisuseError: *message* is no goal or command.
+
+        Example::
+
+            walk = user.sent_task(WALK, stored_id, stored_epoch)
+            print(walk.wait())
         """
         check("sent_task()", checks.NUMBER, task_id=task_id)
         check("sent_task()", checks.TEXT, epoch=epoch)
@@ -245,6 +250,10 @@ class WatchingServices(CentralServices):
 
         Raises:
             CentralLost: central does not answer.
+
+        Example::
+
+            user.cancel_all(WALK, why="the operator has left")
         """
         if message is not None:
             check("cancel_all()", checks.MESSAGE, message=message)

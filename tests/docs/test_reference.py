@@ -1,7 +1,10 @@
 """The reference describes every public name once, and every parameter, return and default."""
 
+import ast
 import importlib
 import inspect
+import re
+from operator import attrgetter
 from types import ModuleType
 
 import griffe
@@ -185,3 +188,51 @@ def test_each_key_of_a_robot_has_a_meaning() -> None:
 
 def test_enums_in_signatures_are_exported() -> None:
     assert type(Refused("x", tca_module.Refusal.FORMAT, "y").refusal) is tca_module.Refusal
+
+
+# --- examples ---------------------------------------------------------------------------------------
+
+CODE = re.compile(r"```python\n(?P<code>.*?)```", re.DOTALL)
+MOST_USED = ["connect", "aconnect", "goal", "command", "query", "multi_query", "inform", "broadcast", "set_variable", "get_variable", "lock", "monitor", "tap", "on_failure", "handles", "every", "after", "run", "running", "wait", "result", "cancel", "update", "kill", "report", "sequence", "parallel", "constrain", "sleep", "deadline"]
+
+
+def examples() -> list[tuple[griffe.Object, ast.Module]]:
+    return [
+        (one, ast.parse(found["code"]))
+        for one in members()
+        if one.docstring is not None
+        for found in CODE.finditer(one.docstring.value)
+    ]
+
+
+def test_most_used_calls_have_an_example() -> None:
+    known = {one.name for one, _ in examples()}
+    assert [name for name in MOST_USED if name not in known] == []
+
+
+def test_calls_in_examples_fit_the_signature() -> None:
+    """An example of a method or function calls it with arguments that it has."""
+    wrong = []
+    for one, tree in examples():
+        target = getattr(one, "final_target", one)
+        if not isinstance(target, griffe.Function):
+            continue
+        method = attrgetter(target.path.removeprefix(f"{target.module.path}."))(
+            importlib.import_module(target.module.path)
+        )
+        is_bound = "self" in target.parameters
+        for call in ast.walk(tree):
+            if isinstance(call, ast.Call) and name_of(call) == target.name:
+                given = [None] * (len(call.args) + is_bound)
+                named = {each.arg: None for each in call.keywords if each.arg}
+                try:
+                    inspect.signature(method).bind(*given, **named)
+                except TypeError as error:
+                    wrong.append(f"{target.path}: {ast.unparse(call)}: {error}")
+    assert wrong == []
+
+
+def name_of(call: ast.Call) -> str:
+    if isinstance(call.func, ast.Attribute):
+        return call.func.attr
+    return call.func.id if isinstance(call.func, ast.Name) else ""
