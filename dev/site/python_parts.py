@@ -144,7 +144,7 @@ def held(rule: TapRule) -> str:
     if rule.held_moment and rule.holds_until:
         return f"the {moment(rule.held_moment)}, until the listener is {DONE[rule.holds_until]}"
     if rule.held_moment:
-        return f"the {moment(rule.held_moment)}, until the listener has ended"
+        return f"the {moment(rule.held_moment)}, until the listener is {DONE[rule.held_moment]}"
     return "the end of the task, until the listener has ended" if rule.is_child else "nothing"
 
 
