@@ -47,7 +47,7 @@ def described(command: click.Command, context: click.Context, level: int) -> Ite
 def row(parameter: click.Parameter, context: click.Context) -> tuple[str, str] | None:
     """Return an option and its meaning; None for an argument, which the help explains."""
     record = parameter.get_help_record(context)
-    if record is None or "--help" in parameter.opts:
+    if record is None or not record[1] or "--help" in parameter.opts:
         return None
     names, meaning = record
     return code(names), escaped(meaning)

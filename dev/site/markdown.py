@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterable, Sequence
 
 ROLE = re.compile(r"``(.+?)``")
+OUTSIDE = re.compile(r"`[^`]*`|(\|)")
+"""A bar outside of code, or code."""
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -14,7 +16,7 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def cell(value: object) -> str:
     """Return a text for one cell."""
-    return flowing(str(value)).replace("|", "\\|")
+    return OUTSIDE.sub(lambda found: "\\|" if found[1] else found[0], flowing(str(value)))
 
 
 def flowing(text: str) -> str:

@@ -13,7 +13,7 @@ import pytest
 import tca_module
 from dev.site.parts import PARTS_BY_NAME
 from docs.reference import described, shown, sources
-from tca_module import Client, Module, Refused
+from tca_module import Client, Module
 from tca_module.sending.sender import TaskOptions
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.handler_options import HandlerOptions
@@ -186,14 +186,68 @@ def test_each_key_of_a_robot_has_a_meaning() -> None:
     assert [row for row in rows if row.endswith("|  |")] == []
 
 
-def test_enums_in_signatures_are_exported() -> None:
-    assert type(Refused("x", tca_module.Refusal.FORMAT, "y").refusal) is tca_module.Refusal
+def test_types_in_signatures_are_exported() -> None:
+    """Type variables are not: they have one letter, or name a decorated function."""
+    used = {
+        name.canonical_path
+        for one in members()
+        if one.path.startswith("tca_module.") and not one.path.startswith(TESTING)
+        for hint in hints(getattr(one, "final_target", one))
+        for name in hint.iterate(flat=True)
+        if isinstance(name, griffe.ExprName) and name.canonical_path.startswith("tca_")
+    }
+    names = {path.rpartition(".")[2] for path in used}
+    assert {name for name in names if len(name) > 1} - {*tca_module.__all__, "Start"} == set()
+
+
+TESTING = ("tca_module.testing", "tca_module.rig")
+
+
+def hints(one: griffe.Object) -> list[griffe.Expr]:
+    """Return the annotations of an object."""
+    found: list[object] = []
+    if isinstance(one, griffe.Function):
+        found = [one.returns, *(each.annotation for each in one.parameters)]
+    elif isinstance(one, griffe.Attribute):
+        found = [one.annotation]
+    return [hint for hint in found if isinstance(hint, griffe.Expr)]
 
 
 # --- examples ---------------------------------------------------------------------------------------
 
 CODE = re.compile(r"```python\n(?P<code>.*?)```", re.DOTALL)
-MOST_USED = ["connect", "aconnect", "goal", "command", "query", "multi_query", "inform", "broadcast", "set_variable", "get_variable", "lock", "monitor", "tap", "on_failure", "handles", "every", "after", "run", "running", "wait", "result", "cancel", "update", "kill", "report", "sequence", "parallel", "constrain", "sleep", "deadline"]
+MOST_USED = [
+    "connect",
+    "aconnect",
+    "goal",
+    "command",
+    "query",
+    "multi_query",
+    "inform",
+    "broadcast",
+    "set_variable",
+    "get_variable",
+    "lock",
+    "monitor",
+    "tap",
+    "on_failure",
+    "handles",
+    "every",
+    "after",
+    "run",
+    "running",
+    "wait",
+    "result",
+    "cancel",
+    "update",
+    "kill",
+    "report",
+    "sequence",
+    "parallel",
+    "constrain",
+    "sleep",
+    "deadline",
+]
 
 
 def examples() -> list[tuple[griffe.Object, ast.Module]]:
