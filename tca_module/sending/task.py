@@ -341,7 +341,7 @@ class Task(Sender, TaskNode, ReportingTask):
         until then, the slot handles only tasks below this one.
 
         Args:
-            frees_slot: The slot handles any message in the meantime. Default: False. A message that
+            frees_slot: the slot handles any message in the meantime. Default: False. A message that
                 was sent directly occupies its slot in any case.
 
         Returns:
