@@ -131,12 +131,11 @@ def tappable(rule: TapRule) -> str:
     """Return the classes of messages that have a condition, in words."""
     if rule.classes == frozenset(MessageClass):
         return "all messages"
+    if not all(one.is_task for one in rule.classes):
+        return "queries, multi-queries"
     if any(one.is_monitor for one in rule.classes):
-        return "goals, commands, exception handlers, monitors"
-    words = [str(one) for one in MessageClass if one in rule.classes]
-    return ", ".join(
-        word.removesuffix("y") + "ies" if word[-1] == "y" else word + "s" for word in words
-    )
+        return "tasks, monitors"
+    return "goals" if all(one.is_goal for one in rule.classes) else "tasks"
 
 
 def held(rule: TapRule) -> str:

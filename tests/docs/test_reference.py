@@ -80,6 +80,18 @@ def test_names_of_test_modules_stand_on_their_page() -> None:
     assert [one for one in OTHERS if one not in [each.path for each in described()]] == []
 
 
+def test_members_that_pages_list_exist() -> None:
+    """An unquoted ``on`` would be true, for example."""
+    missing = []
+    for one in described():
+        for option in ("members", "inherited_members"):
+            wanted = one.options.get(option)
+            if isinstance(wanted, list):
+                known = sources()[one.path].all_members
+                missing += [f"{one.path}: {name}" for name in wanted if name not in known]
+    assert missing == []
+
+
 def members() -> list[griffe.Object]:
     """Return all objects that the site shows, each once."""
     directives = [
