@@ -19,7 +19,7 @@ from tca_module.asynchronous.async_client import AsyncClient, aconnect
 from tca_module.asynchronous.async_sender import AsyncClaim, AsyncSender
 from tca_module.asynchronous.async_tasks import AsyncSentTask, AsyncStream, AsyncTaskRef
 from tca_module.asynchronous.loop_handlers import AsyncTask
-from tca_module.client import Client, connect
+from tca_module.client import CentralAddress, Client, OnLeave, connect
 from tca_module.errors import (
     BadData,
     CentralLost,
@@ -45,6 +45,7 @@ from tca_module.following.update import PendingUpdate
 from tca_module.module import Module
 from tca_module.sending.any_task import wait_for_any
 from tca_module.sending.attachments import AttachmentRef, Recovery
+from tca_module.sending.central_services import Topic
 from tca_module.sending.claim import Claim
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble
 from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo, ResourceInfo
@@ -53,12 +54,13 @@ from tca_module.sending.replies import Notification, PendingReplies, PendingRepl
 from tca_module.sending.sender import Sender, TaskOptions
 from tca_module.sending.steerable_task import TaskInfo
 from tca_module.sending.task import Task
-from tca_module.sending.task_points import this
+from tca_module.sending.task_points import TaskInterval, this
 from tca_module.sending.task_ref import Change, SentTask, TaskRef
-from tca_module.sending.task_requests import TaskRequest
-from tca_module.sending.watching import MonitorOptions
-from tca_module.serving.callbacks import Callback
-from tca_module.serving.handler_options import HandlerOptions
+from tca_module.sending.task_requests import Requests, TaskRequest
+from tca_module.sending.watching import MonitorOptions, Watched
+from tca_module.serving.callbacks import Callback, HasFileno
+from tca_module.serving.handler_options import HandlerOptions, WhenBusy
+from tca_module.serving.module_callbacks import CallbackFunction
 from tca_module.serving.server import Server
 from tca_wire.constraints import Constraint
 from tca_wire.errors import BadFormat
@@ -85,7 +87,14 @@ from tca_wire.messages.built_in import (
     TIMEOUT,
     UNCERTAIN,
 )
-from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
+from tca_wire.messages.controls import (
+    Action,
+    DemonMonitor,
+    ExceptionHandler,
+    Monitor,
+    PointMonitor,
+    PollingMonitor,
+)
 from tca_wire.messages.declarations import (
     Broadcast,
     Command,
@@ -97,6 +106,7 @@ from tca_wire.messages.declarations import (
     MultiQuery,
     Query,
     Retry,
+    TaskMessage,
     Variable,
 )
 from tca_wire.messages.notices import (
@@ -107,8 +117,8 @@ from tca_wire.messages.notices import (
     Departure,
     HandlerCount,
 )
-from tca_wire.points import Edge, Interval, Moment, Point
-from tca_wire.vocabulary import Condition, Outcome, Party, Refusal, Scope
+from tca_wire.points import Edge, Interval, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Party, Refusal, Scope
 
 __all__ = [
     "BAD_DATA",
@@ -129,6 +139,7 @@ __all__ = [
     "ROS_GOAL",
     "TIMEOUT",
     "UNCERTAIN",
+    "Action",
     "Arrival",
     "AsyncClaim",
     "AsyncClient",
@@ -142,6 +153,8 @@ __all__ = [
     "BadFormat",
     "Broadcast",
     "Callback",
+    "CallbackFunction",
+    "CentralAddress",
     "CentralLost",
     "Change",
     "ChangeCallback",
@@ -163,23 +176,27 @@ __all__ = [
     "HandlerCount",
     "HandlerInfo",
     "HandlerOptions",
+    "HasFileno",
     "Inform",
     "Interval",
     "LaterReply",
     "LifeCycle",
     "LockLost",
     "Message",
+    "MessageClass",
     "MessageInfo",
     "MisuseError",
     "Module",
     "ModuleInfo",
     "Moment",
+    "Monitor",
     "MonitorOptions",
     "MonitorRef",
     "MultiQuery",
     "NotDeclared",
     "NotSent",
     "Notification",
+    "OnLeave",
     "Outcome",
     "Party",
     "PendingReplies",
@@ -194,6 +211,7 @@ __all__ = [
     "Refusal",
     "Refused",
     "Rejected",
+    "Requests",
     "ResourceInfo",
     "Retry",
     "Scope",
@@ -205,17 +223,23 @@ __all__ = [
     "TapEvent",
     "Task",
     "TaskFailed",
+    "TaskId",
     "TaskInfo",
+    "TaskInterval",
     "TaskKilled",
+    "TaskMessage",
     "TaskOptions",
     "TaskRef",
     "TaskRequest",
     "TcaError",
     "Timeout",
+    "Topic",
     "Transition",
     "Trouble",
     "Variable",
     "VariableNotSet",
+    "Watched",
+    "WhenBusy",
     "aconnect",
     "connect",
     "ending",

@@ -11,7 +11,16 @@ from contextlib import AbstractContextManager, _GeneratorContextManager
 from difflib import get_close_matches
 from functools import cache, wraps
 from types import UnionType
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    NamedTuple,
+    NoReturn,
+    ParamSpec,
+    TypeVar,
+    get_args,
+    get_type_hints,
+)
 
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
@@ -104,7 +113,7 @@ def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
 def check_options(what: str, options: Mapping[str, Any], declared: type) -> None:
     """Raise MisuseError for an unknown option, or for a value of the wrong kind.
 
-    *declared* is the TypedDict that annotates each option with its kind.
+    *declared* is the TypedDict that annotates each option with its kind and default.
     """
     kinds = _kinds_of(declared)
     if unknown := sorted(options.keys() - kinds.keys()):
@@ -266,7 +275,26 @@ def checked_call(method: F) -> F:
             raise MisuseError(f"{message.title} {text}")
         return method(sender, message, data, **options)
 
-    return call  # type: ignore[return-value]  # the same, for type checkers
+    return with_options(call)  # type: ignore[return-value]  # the same, for type checkers
+
+
+def with_options(function: F) -> F:
+    """Name the options of ``**options: Unpack[...]`` in the signature, for ``help`` and editors.
+
+    The TypedDict annotates each option with its kind and default: ``Annotated[int, COUNT, 1]``.
+    The default ``...`` stands for one that depends on other things.
+    """
+    signature = inspect.signature(function)
+    *parameters, last = signature.parameters.values()
+    options = get_args(last.annotation)  # of Unpack
+    if last.kind is last.VAR_KEYWORD and options:
+        for name, hint in options[0].__annotations__.items():
+            kind, default = hint.__origin__, hint.__metadata__[1]
+            parameters.append(
+                inspect.Parameter(name, last.KEYWORD_ONLY, default=default, annotation=kind)
+            )
+        function.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return function
 
 
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:

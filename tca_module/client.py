@@ -17,7 +17,8 @@ from tca_module import checks
 from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
-from tca_module.link.opening import CentralAddress, hello, open_connection
+from tca_module.link.opening import CentralAddress as CentralAddress  # noqa: PLC0414 - exported
+from tca_module.link.opening import hello, open_connection
 from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import SentTasks, Topic
 from tca_module.sending.handler_errors import crash_text
@@ -80,6 +81,11 @@ class Client(Sender, checks.OnlyBlocking):
         Raises:
             Timeout: central did not answer in time.
             MisuseError: there is no such topic.
+
+        Example::
+
+            for module in user.status("modules"):
+                print(module)
         """
         check("status()", _TOPIC, topic=topic)
         check("status()", checks.TIMEOUT, timeout=timeout)

@@ -37,15 +37,29 @@ CLOCK_STANDS = "the stepped clock stands still: call advance()"
 
 
 class TcaError(CopyableError):
-    """The base of all errors of this package."""
+    """The base of all errors of this package.
+
+    Cause: any of the errors below.
+
+    Remedy: catch it where the kind does not matter.
+    """
 
 
 class MisuseError(TcaError):
-    """The library was called wrongly. The text names the call, the value and the remedy."""
+    """The library was called wrongly. The text names the call, the value and the remedy.
+
+    Cause: an argument of the wrong type or range, or a call at the wrong time.
+
+    Remedy: mend the program as the text says. Do not catch this error.
+    """
 
 
 class Refused(TcaError):
     """Central refused a request. Nothing of the request remains.
+
+    Cause: ``refusal`` names it, such as "too late", "overload" or "forbidden".
+
+    Remedy: compare ``refusal`` with a ``Refusal``. The text says what to change.
 
     Attributes:
         refusal: the kind of refusal, a ``Refusal``.
@@ -59,13 +73,22 @@ class Refused(TcaError):
 
 
 class FormatRefused(Refused):
-    """A message is declared with another format or class than other programs use."""
+    """A message is declared with another format or class than other programs use.
+
+    Cause: two programs have different versions of a declaration.
+
+    Remedy: import the declaration from one file in all programs, and restart the older one.
+    """
 
 
 class Deadlock(Refused):
     """The wait would never end. The text names the cycle of waits.
 
     A handler that does not catch this error fails with "deadlock".
+
+    Cause: handlers wait for each other, or for locks that they hold.
+
+    Remedy: break the cycle: add capacity, use another resource, or lock in one order.
     """
 
 
@@ -75,6 +98,10 @@ class CentralLost(TcaError):
     Calls that name a task from before a restart raise this error, too. Central may have received
     the request. A goal, command or monitor is then killed as soon as central hears from this
     program again. Any other request is carried out.
+
+    Cause: central was not started, has ended, or listens at another address.
+
+    Remedy: start central, and check ``$TCA_CENTRAL``. Give a longer *patience* to wait for it.
     """
 
 
@@ -82,6 +109,10 @@ class NotSent(CentralLost):
     """Messages may not have arrived when their program left.
 
     The end of a ``with connect()`` block and the end of a module raise this error.
+
+    Cause: central was away when the program left, or the network is slow.
+
+    Remedy: give a longer *linger*, or connect again and send what is missing.
 
     Attributes:
         number: the number of messages.
@@ -97,6 +128,10 @@ class Stopped(TcaError):
 
     A handler may catch this error to clean up. A handler that does not catch it fails with "module
     lost", unless its task was killed.
+
+    Cause: Ctrl-C, SIGTERM or ``stop()``.
+
+    Remedy: leave the device safe and return.
     """
 
 
@@ -105,19 +140,37 @@ class LockLost(TcaError):
 
     Other programs may have used the resource since. A handler that does not catch this error fails
     with "lock lost".
+
+    Cause: the module of the resource or central was restarted, or an operator called ``unlock``.
+
+    Remedy: check the state of the device, then lock it again.
     """
 
 
 class NotDeclared(TcaError, LookupError):
-    """No module has declared a message of that name."""
+    """No module has declared a message of that name.
+
+    Cause: the name is misspelt, or its module has not started.
+
+    Remedy: see 'tca messages', or use ``wait_until_handled()`` with a declaration.
+    """
 
 
 class VariableNotSet(TcaError, LookupError):
-    """A variable has never been set."""
+    """A variable has never been set.
+
+    Cause: no program has set it since the start of the run.
+
+    Remedy: set it at the start, or give ``get_variable`` a default.
+    """
 
 
 class Timeout(TcaError, TimeoutError):
     """An answer did not arrive in time.
+
+    Cause: a handler is busy or missing, or the wait was too short.
+
+    Remedy: see what it waits for with 'tca status', or give a longer ``timeout=``.
 
     Attributes:
         what: the text without advice.
@@ -189,6 +242,10 @@ NIL = b"\xc0"
 class QueryFailed(RequestFailed):
     """The handler of a query failed.
 
+    Cause: the handler raised a failure or an error, or its module was lost.
+
+    Remedy: compare ``failure`` with the names of failures that you expect.
+
     Attributes:
         failure: the name of the failure.
         text: the failure's explanation.
@@ -198,6 +255,10 @@ class QueryFailed(RequestFailed):
 class TaskFailed(RequestFailed):
     """A goal or command failed.
 
+    Cause: its handler or a subtask failed, and no exception handler dealt with the failure.
+
+    Remedy: attach an exception handler or a ``Retry``, or compare ``failure`` after the wait.
+
     Attributes:
         failure: the name of the failure.
         text: the failure's explanation.
@@ -206,6 +267,10 @@ class TaskFailed(RequestFailed):
 
 class Rejected(TcaError):
     """The handler of a task rejected a new goal and continues with the old one.
+
+    Cause: the handler called ``reject()``, or is declared with ``refuses=``.
+
+    Remedy: wait for the task's end, or cancel it, and send a new task.
 
     Attributes:
         reason: the handler's reason; "" without one.
@@ -222,6 +287,10 @@ class TaskKilled(TcaError):
     A wait for a killed task raises this error. A wait of a handler also raises it when the
     handler's own task was killed or is about to be retried. The handler may catch the error to
     clean up. A handler that does not catch it has not failed.
+
+    Cause: a program or operator killed it, a client's cancel ended it, or a failure above it did.
+
+    Remedy: leave the device safe in the handler. As the sender, read ``why``.
 
     Attributes:
         why: the reason, and the name of the killer.

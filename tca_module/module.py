@@ -13,7 +13,14 @@ from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
 from tca_module.asynchronous.loop_module import LoopModule
-from tca_module.checks import block, check, check_class, check_decorator, check_function
+from tca_module.checks import (
+    block,
+    check,
+    check_class,
+    check_decorator,
+    check_function,
+    with_options,
+)
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, Connection
 from tca_module.link.keepalive import CHECK_PERIOD, KeepAlive
@@ -169,6 +176,7 @@ class Module(LoopModule):
     def handles(
         self, message: Message[D, R], **options: Unpack[HandlerOptions]
     ) -> HandlerDecorator[D, R]: ...
+    @with_options
     def handles(self, message: Message[Any, Any], **options: Unpack[HandlerOptions]) -> Any:
         """Declare the decorated function, plain or ``async def``, as the handler of *message*.
 
@@ -205,6 +213,7 @@ class Module(LoopModule):
 
         return declare
 
+    @with_options
     def serve(
         self, message: TaskMessage[D, R], server: Server[D, R], **options: Unpack[HandlerOptions]
     ) -> None:
@@ -297,6 +306,11 @@ class Module(LoopModule):
                 central went away later.
             NotSent: messages may not have arrived when the module ended.
             MisuseError: the module runs already, or an argument has the wrong type or range.
+
+        Example::
+
+            arm = Module("arm")
+            arm.run(patience=60)
         """
         running = self.running(patience=patience, reconnect=reconnect, linger=linger)
         with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:

@@ -20,7 +20,7 @@ from tca_wire.standard_streams import replace_closed_streams
 from tca_wire.text.nearest import did_you_mean
 
 COMMANDS = "tca.commands"
-_GROUPS = {
+GROUPS = {
     "Run": (
         "central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached",
         "activities",
@@ -53,10 +53,10 @@ class CommandLine(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands in groups, each with the first words of its help."""
         names = self.list_commands(ctx)
-        others = [name for name in names if not any(name in group for group in _GROUPS.values())]
+        others = [name for name in names if not any(name in group for group in GROUPS.values())]
         column = max(map(len, names), default=0)
         width = formatter.width - column - 6
-        for title, group in {**_GROUPS, "More": others}.items():
+        for title, group in {**GROUPS, "More": others}.items():
             found = [(name, self.get_command(ctx, name)) for name in group]
             rows = [
                 (name.ljust(column), one.get_short_help_str(width))

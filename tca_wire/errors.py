@@ -36,11 +36,21 @@ class ProtocolError(WireError):
 
 
 class BadData(WireError):
-    """Data does not fit the format declared for its message."""
+    """Data does not fit the format declared for its message.
+
+    Cause: a value has another type than the declaration, or lies outside its bounds.
+
+    Remedy: the text names the field: give it a value of the declared type.
+    """
 
 
 class BadFormat(WireError):
-    """A type can't be encoded, so it can't be the format of a message."""
+    """A declaration is not usable, for example because its type can't be encoded.
+
+    Cause: a name that is no name, a type that MessagePack can't hold, or parts that do not fit.
+
+    Remedy: declare what the text asks for, such as a dataclass or a ``msgspec.Struct``.
+    """
 
 
 class KeyRefused(WireError):

@@ -19,14 +19,23 @@ MOST_TRANSITIONS = 100
 
 
 class Effect(StrEnum):
-    """The effect of a transition in central, beside the change of state."""
+    """The effect of a transition in central, beside the change of state.
+
+    Attributes:
+        NONE: none.
+        NEW_GOAL: by the client: the data is a new goal, which the server may accept.
+        TAKE_GOAL: by the server: the client's new goal is now the task's.
+        REFUSE: by the server: the client's request is refused.
+        RESULT: by the server: the data is an intermediate result.
+        STOP: by the server: the task ends at the client's request.
+    """
 
     NONE = ""
-    NEW_GOAL = "new goal"  # by the client: the data is a new goal, which the server may accept
-    TAKE_GOAL = "take goal"  # by the server: the client's new goal is now the task's
-    REFUSE = "refuse"  # by the server: the client's request is refused
-    RESULT = "result"  # by the server: the data is an intermediate result
-    STOP = "stop"  # by the server: the task ends at the client's request
+    NEW_GOAL = "new goal"
+    TAKE_GOAL = "take goal"
+    REFUSE = "refuse"
+    RESULT = "result"
+    STOP = "stop"
 
 
 class Transition(msgspec.Struct, frozen=True, array_like=True):
@@ -322,9 +331,21 @@ def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
 
 
 def ending(*states: str, done: str = "done", cancelled: str = "cancelled") -> list[Transition]:
-    """Return the rows by which the server ends a task in any of *states*.
+    """Return the rows by which the server ends a task.
 
     Completion leads to *done*, failure to *cancelled*.
+
+    Args:
+        states: the states in which the task can end.
+        done: the final state of a completed task. Default: "done".
+        cancelled: the final state of a failed task. Default: "cancelled".
+
+    Returns:
+        Two rows for each state.
+
+    Example::
+
+        PAUSABLE = LifeCycle("pausable", [*GENERAL.transitions, *ending("paused")])
     """
     return [
         row

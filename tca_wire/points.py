@@ -15,22 +15,42 @@ THIS = TaskId(-1)
 
 
 class Interval(StrEnum):
-    """The intervals of a task (TCA 8.5 manual, temporal constraints): three spans that overlap."""
+    """The intervals of a task (TCA 8.5 manual, temporal constraints): three spans that overlap.
 
-    HANDLING = "handling"  # its handler runs
-    PLANNING = "planning"  # it and its descendants are being expanded into subtasks
-    ACHIEVING = "achieving"  # it and its descendants are being done
+    Attributes:
+        HANDLING: its handler runs.
+        PLANNING: it and all below it are expanded.
+        ACHIEVING: it and all below it are done.
+    """
+
+    HANDLING = "handling"
+    PLANNING = "planning"
+    ACHIEVING = "achieving"
 
 
 class Edge(StrEnum):
-    """The two ends of an interval."""
+    """The two ends of an interval.
+
+    Attributes:
+        START: the start of the interval.
+        END: the end of the interval.
+    """
 
     START = "start"
     END = "end"
 
 
 class Moment(IntFlag):
-    """An edge of an interval, as a bit, so that a set of moments is one small integer."""
+    """An edge of an interval, as a bit, so that a set of moments is one small integer.
+
+    Attributes:
+        START_HANDLING: its handler starts.
+        END_HANDLING: its handler has returned.
+        START_PLANNING: its planning starts.
+        END_PLANNING: it is planned, with all below it.
+        START_ACHIEVING: its achievement starts.
+        END_ACHIEVING: it is achieved, with all below it.
+    """
 
     START_HANDLING = 1
     END_HANDLING = 2

@@ -96,10 +96,17 @@ class Role(_WithTraits):
 
 
 class Outcome(StrEnum):
-    """The outcome of a message or task."""
+    """The outcome of a message or task.
+
+    Attributes:
+        DONE: it was done; for a goal, with all its subtasks.
+        RESOLVED: it failed, and an exception handler resolved the failure.
+        FAILED: it failed, and the failure was not dealt with.
+        KILLED: it was killed, or cancelled at a client's request.
+    """
 
     DONE = "done"
-    RESOLVED = "done after a failure"  # it failed, and an exception handler resolved the failure
+    RESOLVED = "done after a failure"
     FAILED = "failed"
     KILLED = "killed"
 
@@ -110,17 +117,29 @@ class Outcome(StrEnum):
 
 
 class Refusal(StrEnum):
-    """The reason why central refused a request."""
+    """The reason why central refused a request.
 
-    PROTOCOL = "protocol"  # not allowed here: unknown version, no hello, no such moment, ...
-    FORMAT = "format"  # another module declared the message with another format or class
-    UNKNOWN = "unknown"  # no such message, task or resource
-    CYCLE = "cycle"  # the constraints could never be met
-    TOO_LATE = "too late"  # the point has been reached already
-    OVERLOAD = "overload"  # a bounded queue is full
-    DEADLOCK = "deadlock"  # the waiter would wait for itself for ever
-    FORBIDDEN = "forbidden"  # the permissions do not allow it
-    SHUT_OUT = "shut out"  # the key or user of this connection is no longer allowed
+    Attributes:
+        PROTOCOL: the request is not allowed here, for example before the hello.
+        FORMAT: another module declared the message with another format or class.
+        UNKNOWN: there is no such message, task or resource.
+        CYCLE: the constraints could never be met.
+        TOO_LATE: the point has been reached already.
+        OVERLOAD: a bounded queue or central's memory is full.
+        DEADLOCK: the waiter would wait for itself for ever.
+        FORBIDDEN: the permissions do not allow it.
+        SHUT_OUT: the key or user of this connection is no longer allowed.
+    """
+
+    PROTOCOL = "protocol"
+    FORMAT = "format"
+    UNKNOWN = "unknown"
+    CYCLE = "cycle"
+    TOO_LATE = "too late"
+    OVERLOAD = "overload"
+    DEADLOCK = "deadlock"
+    FORBIDDEN = "forbidden"
+    SHUT_OUT = "shut out"
 
 
 class Dropping(StrEnum):
@@ -162,11 +181,17 @@ class Condition(StrEnum):
 
 
 class Scope(StrEnum):
-    """The tasks that a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
+    """The tasks that a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE).
 
-    TASK = "task"  # with all its descendants
-    DESCENDANTS = "descendants"  # all descendants of the task, not the task itself
-    SIBLINGS = "siblings"  # all other children of its parent, with their descendants
+    Attributes:
+        TASK: the task with all its descendants.
+        DESCENDANTS: all descendants of the task, not the task itself.
+        SIBLINGS: all other children of its parent, with their descendants.
+    """
+
+    TASK = "task"
+    DESCENDANTS = "descendants"
+    SIBLINGS = "siblings"
 
 
 class Due(StrEnum):
@@ -185,11 +210,18 @@ class Due(StrEnum):
 
 
 class Party(StrEnum):
-    """The party that takes a transition of a life cycle."""
+    """The party that takes a transition of a life cycle.
 
-    CLIENT = "client"  # a module that wants something of a task
-    SERVER = "server"  # the task's handler
-    BOTH = "both"  # client or server
+    Attributes:
+        CLIENT: a module that wants something of a task.
+        SERVER: the task's handler.
+        BOTH: client or server.
+        CENTRAL: central itself.
+    """
+
+    CLIENT = "client"
+    SERVER = "server"
+    BOTH = "both"
     CENTRAL = "central"
 
 

@@ -8,14 +8,10 @@ import json
 import re
 import subprocess
 import sys
-from pathlib import Path
 
-from dev.site import drawings
+from dev.site.parts import write_parts
+from dev.site.root import ROOT, SITE
 
-ROOT = Path(__file__).parents[2]
-SITE = ROOT / "build" / "site"
-PARTS = ROOT / "build" / "parts"
-"""Generated parts of pages, which the pages quote."""
 RECORDS = "decisions/"
 COLOUR = re.compile(r"\x1b\[[\d;]*m")
 WRONG = re.compile(r"(?:Warning|Error): (.+)\n.*\[ (\S+:\d+)", re.IGNORECASE)
@@ -25,7 +21,7 @@ DOCSTRING = re.compile(r"griffe: .+")
 
 def build() -> str:
     """Build the site, and return what was printed if something is wrong."""
-    drawings.write(PARTS / "drawings")
+    write_parts()
     done = subprocess.run(
         [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
         cwd=ROOT,

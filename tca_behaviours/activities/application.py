@@ -152,7 +152,11 @@ class Application:
 
     @contextmanager
     def running(self) -> Iterator["Application"]:
-        """A ``with`` block in which the application runs, newly initialised."""
+        """Start a ``with`` block in which the application runs, newly initialised.
+
+        Yields:
+            The application.
+        """
         self.initialise()
         self.start()
         try:

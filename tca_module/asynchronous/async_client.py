@@ -28,7 +28,11 @@ class AsyncClient(AsyncSender, OnlyAsync):
         return f"async {self._blocking!r}" if self._blocking else "an async client that is not open"
 
     async def open(self) -> Self:
-        """Connect to central. Raises what ``connect`` does."""
+        """Connect to central. Raises what ``connect`` does.
+
+        Returns:
+            This client.
+        """
         self._blocking = await self._thread.open()
         return self
 

@@ -187,7 +187,14 @@ class AsyncSender(Forwarding):
     observe = streamed(Sender.observe)
 
     async def task(self, task_id: int) -> AsyncTaskRef | None:
-        """Return the living or retained task of that number, or None. See ``Sender.task``."""
+        """Find a task by its number. See ``Sender.task``.
+
+        Args:
+            task_id: the number, as in the journal.
+
+        Returns:
+            The task; None if it has ended and is not retained.
+        """
         found = await self.call(lambda sender: sender.task(task_id))
         return None if found is None else AsyncTaskRef(self._run, found)
 
@@ -200,6 +207,15 @@ class AsyncSender(Forwarding):
         priority: int = 0,
     ) -> AsyncClaim:
         """Lock a resource while an ``async with`` block lasts. See ``Sender.lock``.
+
+        Args:
+            resource: the resource's name.
+            module: its module. Default: None, the only module with a resource of that name.
+            timeout: the most seconds to wait. Default: None, no bound.
+            priority: the claim with the highest is first. Default: 0.
+
+        Returns:
+            The claim, which the ``async with`` block holds.
 
         Example::
 
@@ -216,7 +232,17 @@ class AsyncSender(Forwarding):
         timeout: float | None = None,
         priority: int = 0,
     ) -> AsyncClaim:
-        """Reserve a resource while an ``async with`` block lasts. See ``Sender.reserve``."""
+        """Reserve a resource while an ``async with`` block lasts. See ``Sender.reserve``.
+
+        Args:
+            resource: the resource's name.
+            module: its module. Default: None, the only module with a resource of that name.
+            timeout: the most seconds to wait. Default: None, no bound.
+            priority: the claim with the highest is first. Default: 0.
+
+        Returns:
+            The claim, which the ``async with`` block holds.
+        """
         return AsyncClaim(self, resource, module, timeout, priority, reserve=True)
 
 

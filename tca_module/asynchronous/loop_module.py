@@ -16,6 +16,7 @@ from tca_module.asynchronous.loop_handlers import (
     LoopHandlerDecoratorWithoutData,
     UserLoop,
 )
+from tca_module.checks import with_options
 from tca_module.errors import MisuseError, Stopped
 from tca_module.link.connection import LINGER
 from tca_module.link.stop import Stop
@@ -53,6 +54,7 @@ class LoopModule(ModuleCallbacks):
     def handles_on_loop(
         self, message: Message[D, R], **options: Unpack[HandlerOptions]
     ) -> LoopHandlerDecorator[D, R]: ...
+    @with_options
     def handles_on_loop(self, message: Message[Any, Any], **options: Unpack[HandlerOptions]) -> Any:
         """Declare the decorated ``async def`` function as a handler on the user's own event loop.
 

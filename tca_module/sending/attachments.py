@@ -41,6 +41,11 @@ class AttachmentRef:
 
         Raises:
             CentralLost: central does not answer.
+
+        Example::
+
+            tap = user.tap(Condition.WHEN_SENT, MOVE_LEG, LOG_LINE)
+            tap.remove()
         """
         connection = self._connection
         if self._lasting is not None:

@@ -401,7 +401,12 @@ class CentralServices:
         return request.answers[-1][1]
 
     def modules(self) -> list[ModuleInfo]:
-        """Return the connected modules, this one included."""
+        """Return the connected modules, this one included.
+
+        Example::
+
+            print([one.name for one in user.modules()])
+        """
         return msgspec.msgpack.decode(self._ask_central("modules"), type=list[ModuleInfo])
 
     def messages(self) -> list[MessageInfo]:
@@ -425,6 +430,11 @@ class CentralServices:
         Raises:
             FormatRefused: other programs declare the message differently.
             CentralLost: central does not answer.
+
+        Example::
+
+            if not user.handlers(SAY):
+                print("no module speaks")
         """
         self._declare(message)
         return next(
@@ -486,6 +496,10 @@ class CentralServices:
             Timeout: some message has no handler in time; the text names these messages.
             Deadlock: in a handler: the wait would never end.
             CentralLost: central does not answer.
+
+        Example::
+
+            user.wait_until_handled(WALK, SAY, timeout=10)
         """
         connection, request, left = self._request_handled(messages, timeout)
         connection.wait(request, left, HANDLERS_WAIT)

@@ -77,18 +77,18 @@ class TaskOptions(TypedDict, total=False):
             tasks, add the constraints before ``resume()``. Default: False.
     """
 
-    sequential: Annotated[bool, checks.FLAG]
-    sequential_planning: Annotated[bool, checks.FLAG]
-    plan_first: Annotated[bool, checks.FLAG]
-    delay_planning: Annotated[bool, checks.FLAG]
-    priority: Annotated[int, checks.PRIORITY]
-    constraints: Annotated[Sequence[Constraint], checks.CONSTRAINTS]
-    on_failure: Annotated[Sequence[Recovery], _RECOVERIES]
-    deadline: Annotated[float | None, checks.DURATION_OR_NONE]
-    delay: Annotated[float, checks.SECONDS]
-    keep: Annotated[bool, checks.FLAG]
-    retry: Annotated[Retry | None, _RETRY]
-    suspended: Annotated[bool, checks.FLAG]
+    sequential: Annotated[bool, checks.FLAG, True]
+    sequential_planning: Annotated[bool, checks.FLAG, False]
+    plan_first: Annotated[bool, checks.FLAG, False]
+    delay_planning: Annotated[bool, checks.FLAG, False]
+    priority: Annotated[int, checks.PRIORITY, 0]
+    constraints: Annotated[Sequence[Constraint], checks.CONSTRAINTS, ()]
+    on_failure: Annotated[Sequence[Recovery], _RECOVERIES, ()]
+    deadline: Annotated[float | None, checks.DURATION_OR_NONE, None]
+    delay: Annotated[float, checks.SECONDS, 0]
+    keep: Annotated[bool, checks.FLAG, False]
+    retry: Annotated[Retry | None, _RETRY, ...]
+    suspended: Annotated[bool, checks.FLAG, False]
 
 
 _FLAGS = {

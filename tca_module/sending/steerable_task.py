@@ -172,6 +172,11 @@ class SteerableTask(TaskIntervals, NamedTask):
 
         Raises:
             MisuseError: an argument has the wrong type or range.
+
+        Example::
+
+            walk = user.goal(WALK, path)
+            walk.deadline(60)
         """
         what = self._action("a deadline of")
         check(what, checks.DURATION, seconds=seconds)
@@ -254,6 +259,12 @@ class SteerableTask(TaskIntervals, NamedTask):
 
         Returns:
             False if the task had ended.
+
+        Example::
+
+            walk = user.goal(WALK, path)
+            walk.suspend()
+            walk.resume()
         """
         return self._steer(headers.Suspend(0, self._tree_id(), origin=self._origin), "suspending")
 
@@ -285,6 +296,10 @@ class SteerableTask(TaskIntervals, NamedTask):
         Raises:
             Refused: "too late": the task has ended; "overload": central already retains 10,000
                 tasks.
+
+        Example::
+
+            task.keep()
         """
         self._steer(headers.Keep(0, self._tree_id(), origin=self._origin), "keeping")
 

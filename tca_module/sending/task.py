@@ -235,10 +235,17 @@ class Task(Sender, TaskNode, ReportingTask):
         Args:
             seconds: 0 or more; a test may step the clock.
 
+        Returns:
+            None; in an async handler an awaitable.
+
         Raises:
             TaskKilled: the task was killed; in an async handler CancelledError.
             Stopped: the module ends; in an async handler CancelledError.
             CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            task.sleep(0.5)
         """
         check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
         return self.sleep_until(self.time() + seconds)
@@ -250,6 +257,9 @@ class Task(Sender, TaskNode, ReportingTask):
 
         Args:
             moment: the time, in seconds of ``time()``. If it has passed, the call returns at once.
+
+        Returns:
+            None; in an async handler an awaitable.
 
         Raises:
             TaskKilled: the task was killed; in an async handler CancelledError.
@@ -315,6 +325,9 @@ class Task(Sender, TaskNode, ReportingTask):
         Use it for the steps that leave things safe. ``cancelled`` still becomes true. A subtask
         that is sent here is killed at once with its task: send actions with ``on_termination()``.
 
+        Returns:
+            The block.
+
         Example::
 
             with task.shielded():
@@ -329,7 +342,7 @@ class Task(Sender, TaskNode, ReportingTask):
         until then, the slot handles only tasks below this one.
 
         Args:
-            frees_slot: The slot handles any message in the meantime. Default: False. A message that
+            frees_slot: the slot handles any message in the meantime. Default: False. A message that
                 was sent directly occupies its slot in any case.
 
         Returns:

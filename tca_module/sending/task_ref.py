@@ -59,6 +59,11 @@ class TaskNode(SteerableTask):
 
         Args:
             message: only tasks of this message or name. Default: None, all.
+
+        Example::
+
+            for step in walk.children(MOVE_LEG):
+                print(step.state)
         """
         return self._relatives("children", message)
 

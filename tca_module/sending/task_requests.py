@@ -83,6 +83,14 @@ class TaskRequest:
         Raises:
             BadData: *goal* does not fit the task's message.
             MisuseError: *goal* is given, and the request is no update.
+
+        Example::
+
+            for request in task.requests():
+                if request.transition == "update":
+                    request.accept()
+                else:
+                    request.reject("not while I hold a cup")
         """
         return self._server_state.accept(self, goal)
 

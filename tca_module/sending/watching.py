@@ -4,7 +4,14 @@ from collections.abc import Collection
 from typing import Annotated, Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import LateText, check, check_class, check_message, check_options
+from tca_module.checks import (
+    LateText,
+    check,
+    check_class,
+    check_message,
+    check_options,
+    with_options,
+)
 from tca_module.errors import MisuseError
 from tca_module.following.followed_task import cancel_transitions, check_states, life_cycle_of
 from tca_module.following.observation import Observation
@@ -39,13 +46,13 @@ class Watched(TypedDict, total=False):
     See ``MonitorOptions``.
     """
 
-    period: Annotated[float, checks.DURATION_OR_NONE]
-    maximum: Annotated[int | None, checks.MAXIMUM]
-    fire_every: Annotated[int, checks.COUNT]
-    initial_wait: Annotated[bool, checks.FLAG]
-    duration: Annotated[float | None, checks.DURATION_OR_NONE]
-    until: Annotated[Point | None, checks.POINT_OR_NONE]
-    waited_for: Annotated[bool, checks.FLAG]
+    period: Annotated[float | None, checks.DURATION_OR_NONE, None]
+    maximum: Annotated[int | None, checks.MAXIMUM, None]
+    fire_every: Annotated[int, checks.COUNT, 1]
+    initial_wait: Annotated[bool, checks.FLAG, False]
+    duration: Annotated[float | None, checks.DURATION_OR_NONE, None]
+    until: Annotated[Point | None, checks.POINT_OR_NONE, None]
+    waited_for: Annotated[bool, checks.FLAG, False]
 
 
 class MonitorOptions(Watched, total=False):
@@ -67,9 +74,9 @@ class MonitorOptions(Watched, total=False):
         suspended: create the monitor suspended; it watches after ``resume()``. Default: False.
     """
 
-    sequential: Annotated[bool, checks.FLAG]
-    constraints: Annotated[list[Constraint], checks.CONSTRAINTS]
-    suspended: Annotated[bool, checks.FLAG]
+    sequential: Annotated[bool, checks.FLAG, True]
+    constraints: Annotated[list[Constraint], checks.CONSTRAINTS, ()]
+    suspended: Annotated[bool, checks.FLAG, False]
 
 
 _STATES = checks.collection_of("a list of states, such as ['running']", checks.NAME)
@@ -131,6 +138,11 @@ class WatchingServices(CentralServices):
         Raises:
             CentralLost: the present central does not have that *epoch*.
             MisuseError: *message* is no goal or command.
+
+        Example::
+
+            walk = user.sent_task(WALK, stored_id, stored_epoch)
+            print(walk.wait())
         """
         check("sent_task()", checks.NUMBER, task_id=task_id)
         check("sent_task()", checks.TEXT, epoch=epoch)
@@ -238,6 +250,10 @@ class WatchingServices(CentralServices):
 
         Raises:
             CentralLost: central does not answer.
+
+        Example::
+
+            user.cancel_all(WALK, why="the operator has left")
         """
         if message is not None:
             check("cancel_all()", checks.MESSAGE, message=message)
@@ -312,6 +328,7 @@ class WatchingServices(CentralServices):
         number = connection.call(header, f"attaching '{handler.name}' to {where}")
         return AttachmentRef(connection, number, header)
 
+    @with_options
     def tap(
         self,
         condition: Condition,
@@ -404,6 +421,7 @@ class WatchingServices(CentralServices):
     def monitor(
         self, monitor: Monitor[D], data: D, **options: Unpack[MonitorOptions]
     ) -> MonitorRef[D]: ...
+    @with_options
     def monitor(
         self, monitor: Monitor[Any], data: Any = None, **options: Unpack[MonitorOptions]
     ) -> MonitorRef[Any]:
@@ -541,7 +559,7 @@ def _watch_options(
         advice = "the seconds from one test of its condition to the next"
         raise MisuseError(f"{what} needs period: {advice}")
     return WatchOptions(
-        options.get("period", 0),
+        options.get("period") or 0,
         options.get("maximum") or 0,
         options.get("fire_every", 1),
         options.get("initial_wait", False),

@@ -44,14 +44,14 @@ class HandlerOptions(TypedDict, total=False):
             other tasks are cancelled) or "reject". Default: None, the resource's *when_busy*.
     """
 
-    resource: Annotated[str | None, checks.NAME_OR_NONE]
-    pool: Annotated[str | None, checks.NAME_OR_NONE]
-    pending: Annotated[int | None, checks.PENDING]
-    direct: Annotated[bool, checks.FLAG]
-    accepts: Annotated[bool, checks.FLAG]
-    takes: Annotated[Collection[str], _TRANSITIONS]
-    refuses: Annotated[Collection[str], _TRANSITIONS]
-    when_busy: Annotated[WhenBusy | None, BUSY.or_none()]
+    resource: Annotated[str | None, checks.NAME_OR_NONE, None]
+    pool: Annotated[str | None, checks.NAME_OR_NONE, None]
+    pending: Annotated[int | None, checks.PENDING, None]
+    direct: Annotated[bool, checks.FLAG, False]
+    accepts: Annotated[bool, checks.FLAG, False]
+    takes: Annotated[Collection[str], _TRANSITIONS, ()]
+    refuses: Annotated[Collection[str], _TRANSITIONS, ()]
+    when_busy: Annotated[WhenBusy | None, BUSY.or_none(), None]
 
 
 _OF_TASKS = ("accepts", "takes", "refuses", "when_busy")

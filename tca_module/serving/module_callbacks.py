@@ -126,6 +126,10 @@ class ModuleCallbacks(Sender):
         Raises:
             MisuseError: an argument has the wrong type or range, or the function takes other
                 arguments.
+
+        Example::
+
+            lamp.after(2.0, lambda callback: callback.inform(BLINK, "green"))
         """
         return self._callbacks_of("after()", resource).after(delay, function)
 
@@ -149,6 +153,10 @@ class ModuleCallbacks(Sender):
 
         Raises:
             MisuseError: *source* is no open file, or the function takes other arguments.
+
+        Example::
+
+            driver.on_readable(serial_port, lambda: decode(serial_port.read()))
         """
         return self._callbacks_of("on_readable()", resource).on_readable(source, function)
 

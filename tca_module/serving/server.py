@@ -49,8 +49,8 @@ class Server(ABC, Generic[D, R]):
         """Carry out the task, and return its result. The method may be ``async def``.
 
         Args:
-            task: The task.
-            goal: The data of the task.
+            task: the task.
+            goal: the data of the task.
 
         Returns:
             The result of the task, or ``task.reply_later()``.
@@ -60,8 +60,8 @@ class Server(ABC, Generic[D, R]):
         """Decide whether the running task pursues a client's new goal. Should not take long.
 
         Args:
-            task: The task.
-            goal: The new goal, of the same type as the task's data.
+            task: the task.
+            goal: the new goal, of the same type as the task's data.
 
         Returns:
             True to adopt the goal. False rejects it; ``raise task.rejected("the reason")`` adds a
@@ -76,8 +76,8 @@ class Server(ABC, Generic[D, R]):
         blocking handler is woken with TaskKilled. A reply that is still owed is no longer needed.
 
         Args:
-            task: The task.
-            why: The client's reason.
+            task: the task.
+            why: the client's reason.
 
         Returns:
             True to end the task. False rejects the request; ``raise task.rejected("the reason")``
@@ -89,8 +89,8 @@ class Server(ABC, Generic[D, R]):
         """Decide about another transition of the task's own life cycle. Should not take long.
 
         Args:
-            task: The task.
-            request: The client's request, with its transition and data.
+            task: the task.
+            request: the client's request, with its transition and data.
 
         Returns:
             True to grant the request. False rejects it; ``raise task.rejected("the reason")`` adds

@@ -1,4 +1,4 @@
-"""A run as tables for CSV and Parquet files; docs/tools/exports.md lists the columns for users.
+"""A run as tables for CSV and Parquet files; columns.py describes the columns for users.
 
 Times are seconds on the journal's clock. None stands for a value that is unknown, has not occurred
 yet, or does not exist.
@@ -13,6 +13,7 @@ from math import inf
 from typing import Any, BinaryIO
 
 from tca_tools.explain.waits import Wait, of_handler_wait, waits_of
+from tca_tools.export.columns import COLUMNS
 from tca_tools.journal.fates import all_failures, fate, run_continued, run_continued_after
 from tca_tools.journal.records import HandlerWait, Handling, Queueing
 from tca_tools.journal.whole_run import Run
@@ -36,15 +37,24 @@ TableRow = tuple[Any, ...]
 
 
 class Table:
-    """A table: its name, its columns with their types, and a function that yields its rows."""
+    """A table: its name, a function that yields its rows, and its columns.
 
-    def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[TableRow]]) -> None:
+    Attributes:
+        meaning: what the rows are.
+        columns: the columns with their types.
+        meanings: the columns with their meanings.
+    """
+
+    def __init__(self, name: str, rows: Callable[[Run], Iterator[TableRow]]) -> None:
         self.name = name
-        self.columns = {
-            column: ColumnType(word)
-            for column, _, word in (column_text.partition(":") for column_text in columns.split())
-        }
         self.rows = rows
+        self.meaning, text = COLUMNS[name]
+        self.columns: dict[str, ColumnType] = {}
+        self.meanings: dict[str, str] = {}
+        for line in text.strip().splitlines():
+            head, meaning = line.split(maxsplit=1)
+            column, _, word = head.partition(":")
+            self.columns[column], self.meanings[column] = ColumnType(word), meaning
 
 
 def _run(run: Run) -> Iterator[TableRow]:
@@ -231,49 +241,17 @@ def _json(body: bytes) -> str | None:
 
 
 TABLES = (
-    Table("run", "epoch began:s first:s last:s until:s live:flag entries:int", _run),
-    Table(
-        "messages",
-        "id:int name class sender origin:int role about:int sent:s started:s ended:s answered:s"
-        " handlings:int failure handled:flag dropped data:json result:json failure_data:json",
-        _messages,
-    ),
-    Table(
-        "tasks",
-        "id:int name parent:int depth:int state "
-        + " ".join(f"{describe_moments(moment)[0].replace(' ', '_')}:s" for moment in MOMENTS)
-        + " killed killed_by killed_from:int killed_for:int suspended:flag",
-        _tasks,
-    ),
-    Table("states", "task:int name state start:s end:s", _states),
-    Table(
-        "changes",
-        "task:int name time:s transition state serial:int by module text data:json",
-        _changes,
-    ),
-    Table(
-        "handlings",
-        "message:int delivery:int name module resource start:s end:s outcome handled:flag"
-        " direct_from slot:int nested:flag priority:int",
-        _handlings,
-    ),
-    Table(
-        "failures",
-        "message:int name time:s failure text raised_by raised_from:int fate handled:flag",
-        _failures,
-    ),
-    Table("drops", "time:s message:int name copy:flag number:int reason why direct_from", _drops),
-    Table("queueings", "message:int name module resource priority:int start:s end:s", _queueings),
-    Table(
-        "waits",
-        "message:int module resource delivery:int kind on:int name moment start:s end:s",
-        _waits,
-    ),
-    Table(
-        "claims",
-        "id:int module resource reservation:flag sender origin:int asked:s granted:s end:s why",
-        _claims,
-    ),
+    Table("run", _run),
+    Table("messages", _messages),
+    Table("tasks", _tasks),
+    Table("states", _states),
+    Table("changes", _changes),
+    Table("handlings", _handlings),
+    Table("failures", _failures),
+    Table("drops", _drops),
+    Table("queueings", _queueings),
+    Table("waits", _waits),
+    Table("claims", _claims),
 )
 """All tables."""
 

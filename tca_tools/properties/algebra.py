@@ -68,10 +68,10 @@ def never(predicate: str | Predicate) -> Property:
     """Return the property that a predicate is never true.
 
     Args:
-        predicate: A predicate, such as ``failed(MOVE)``, or its text, such as "failed of move".
+        predicate: a predicate, such as ``failed(MOVE)``, or its text, such as "failed of move".
 
     Raises:
-        BadProperty: The predicate is invalid.
+        BadProperty: the predicate is invalid.
 
     Example::
 
@@ -91,10 +91,10 @@ def always(predicate: str | Predicate) -> Property:
     """Return the property that a predicate is true after every event of the run.
 
     Args:
-        predicate: A predicate or its text; see ``never``.
+        predicate: a predicate or its text; see ``never``.
 
     Raises:
-        BadProperty: The predicate is invalid.
+        BadProperty: the predicate is invalid.
     """
     checked = _checked(predicate)
 
@@ -108,11 +108,11 @@ def at_most(number: int, predicate: str | Predicate) -> Property:
     """Return the property that a predicate is true for at most *number* messages at a time.
 
     Args:
-        number: The largest number of messages.
-        predicate: A predicate or its text; see ``never``.
+        number: the largest number of messages.
+        predicate: a predicate or its text; see ``never``.
 
     Raises:
-        BadProperty: An argument is invalid.
+        BadProperty: an argument is invalid.
 
     Example::
 
@@ -142,12 +142,12 @@ def at_most_in_all(number: int, event: str | Predicate) -> Property:
     """Return the property that an event happens at most *number* times in a run.
 
     Args:
-        number: The largest number of times.
-        event: A predicate that is true for one event only, such as ``sent``, ``fired`` or
+        number: the largest number of times.
+        event: a predicate that is true for one event only, such as ``sent``, ``fired`` or
             ``retried``, or its text.
 
     Raises:
-        BadProperty: An argument is invalid.
+        BadProperty: an argument is invalid.
     """
     _check_number(number, "at_most_in_all()")
     checked = _checked(event)
@@ -172,11 +172,11 @@ def before(first: str | Predicate, second: str | Predicate) -> Property:
     """Return the property that *first* becomes true before *second* does, or with the same event.
 
     Args:
-        first: A predicate or its text; see ``never``.
-        second: A predicate or its text.
+        first: a predicate or its text; see ``never``.
+        second: a predicate or its text.
 
     Raises:
-        BadProperty: A predicate is invalid.
+        BadProperty: a predicate is invalid.
     """
     one, other = _checked(first), _checked(second)
 
@@ -198,10 +198,10 @@ def eventually(predicate: str | Predicate) -> Property:
     when nothing more must happen; losses, kills and goodbyes never must.
 
     Args:
-        predicate: A predicate or its text; see ``never``.
+        predicate: a predicate or its text; see ``never``.
 
     Raises:
-        BadProperty: The predicate is invalid.
+        BadProperty: the predicate is invalid.
     """
     checked = _checked(predicate)
 
@@ -220,12 +220,12 @@ def within(seconds: float, first: str | Predicate, second: str | Predicate) -> P
     no time, or run until something is due.
 
     Args:
-        seconds: The longest time; 0 for the same event.
-        first: A predicate that is true for a limited time, such as ``sent``, or its text.
-        second: A predicate or its text.
+        seconds: the longest time; 0 for the same event.
+        first: a predicate that is true for a limited time, such as ``sent``, or its text.
+        second: a predicate or its text.
 
     Raises:
-        BadProperty: An argument is invalid.
+        BadProperty: an argument is invalid.
     """
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not (is_number and 0 <= seconds <= LONGEST_TIME):

@@ -68,7 +68,7 @@ def in_all_cases(cases: CasesOf) -> CasesProperty:
     """Return the property that all cases of a run are good.
 
     Args:
-        cases: A function of the run's records that yields (message, is_good) for each case.
+        cases: a function of the run's records that yields (message, is_good) for each case.
 
     Raises:
         BadProperty: *cases* is not a function.
@@ -90,13 +90,13 @@ def in_at_least(share: float, cases: CasesOf, *, fewest: int = 1) -> CasesProper
     """Return the property that at least a share of a run's cases is good.
 
     Args:
-        share: The share, from 0 to 1; 0.9 is nine of ten.
-        cases: A function of the run's records that yields (message, is_good) for each case.
-        fewest: The least number of cases; a run with fewer is not judged. Five cases, for example,
+        share: the share, from 0 to 1; 0.9 is nine of ten.
+        cases: a function of the run's records that yields (message, is_good) for each case.
+        fewest: the least number of cases; a run with fewer is not judged. Five cases, for example,
             do not distinguish 0.9 from 1.
 
     Raises:
-        BadProperty: An argument is invalid.
+        BadProperty: an argument is invalid.
     """
     if not isinstance(share, int | float) or isinstance(share, bool) or not 0 <= share <= 1:
         raise BadProperty(

@@ -29,10 +29,10 @@ def property_from(text: str) -> Property:
     """Return the property that a text states.
 
     Args:
-        text: The property, such as "at most 1 planned ahead of take steps".
+        text: the property, such as "at most 1 planned ahead of take steps".
 
     Raises:
-        BadProperty: The text is not a property; the message names the error.
+        BadProperty: the text is not a property; the message names the error.
     """
     words = in_one_line(text)
     try:

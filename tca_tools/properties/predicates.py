@@ -103,8 +103,8 @@ class MessageState:
         """Return the predicate of messages in this state.
 
         Args:
-            message: The declaration of the messages.
-            data: The data that they must equal; any by default.
+            message: the declaration of the messages.
+            data: the data that they must equal; any by default.
 
         Raises:
             BadProperty: *message* is not a declaration.
@@ -199,7 +199,7 @@ def handled_by(module: str) -> OfMessages:
     """Return the predicate of messages of any name that a module is handling now.
 
     Args:
-        module: The module's name in central. A second copy of module "base" is the module "base#2".
+        module: the module's name in central. A second copy of module "base" is the module "base#2".
 
     Raises:
         BadProperty: *module* is not a valid name.

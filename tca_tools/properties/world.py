@@ -102,7 +102,11 @@ class MessageView:
         return decode_untyped(self.body) if self.body else None
 
     def has(self, moment: int) -> bool:
-        """Whether it has reached *moment*."""
+        """Whether it has reached *moment*.
+
+        Args:
+            moment: the moment, a ``Moment``.
+        """
         return bool(self.reached & moment)
 
     @property

@@ -40,47 +40,74 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     restarts: Annotated[int, Meta(ge=0, le=1000, description="a whole number from 0 to 1000")] = 5
     """All programs are ended if one crashes more often than this in ``within`` seconds."""
     within: Annotated[float, Meta(gt=0, le=_DAY, description="a number of seconds above 0")] = 60.0
+    """The seconds in which restarts are counted."""
     delay: Seconds = 0.5
-    """Seconds before the first restart. Each further delay is doubled, up to the longest."""
+    """Seconds before the first restart. Each further delay is doubled, up to ``longest_delay``."""
     longest_delay: Seconds = 10.0
+    """The longest seconds before a restart."""
     grace: Seconds = 5.0
-    """Seconds to end after SIGINT."""
+    """Seconds to end after SIGINT. SIGTERM follows."""
     log: PathName = ""
-    """The folder of files with the program's output; "": none."""
+    """The folder of files with the programs' output, ``NAME.log``. A file has at most 10 MiB; four
+    older ones stay beside it. Without a folder there are no files.
+    """
 
 
-class _CentralTable(Limits, frozen=True, kw_only=True):
+class CentralTable(Limits, frozen=True, kw_only=True):
+    """The table of central."""
+
     start: Annotated[bool, Meta(description="true, or false if central runs already")] = True
+    """Whether to start central. With false it runs elsewhere, such as on another computer."""
     address: Annotated[
         str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')
     ] = ""
+    """The address where central listens; programs get it as ``$TCA_CENTRAL``. Without an address,
+    it is ``$TCA_CENTRAL`` or else the default socket.
+    """
     journal: PathName = ""
+    """The folder of the journal. Without a folder, each start of ``tca run`` has a new one. A
+    restart of central always continues the same journal.
+    """
     options: Annotated[
         list[str],
         Meta(description='a list of options of \'tca central\', such as ["--sync", "always"]'),
     ] = []
+    """More options of ``tca central``."""
 
 
-class _ModuleTable(Limits, frozen=True, kw_only=True):
+class ModuleTable(Limits, frozen=True, kw_only=True):
+    """The table of a program."""
+
     command: Annotated[
         str | list[str],
         Meta(
             description='what starts the program, such as "python legs.py", or a list of its words'
         ),
     ]
+    """The program. A text is split into words as a shell does, but no shell runs it. ``python`` is
+    the Python that runs ``tca``.
+    """
     cwd: PathName = ""
+    """The folder to run in. Without a folder, it is that of the file. Relative paths count from the
+    file.
+    """
     env: Annotated[
         dict[str, str], Meta(description='a table of texts, such as { SIDE = "left" }')
     ] = {}
+    """More environment variables."""
     restart: Annotated[
         Literal["on-failure", "always", "never"],
         Meta(description='"on-failure", "always" or "never"'),
     ] = "on-failure"
+    """When to start the program again. A signal and an exit code other than 0 are failures."""
     hung: Annotated[Literal["leave", "restart"], Meta(description='"leave" or "restart"')] = "leave"
+    """Whether to restart a process that lives but that central has lost."""
     when_crashing: Annotated[
         Literal["end", "leave"], Meta(description='"end" (the robot) or "leave" (it down)')
     ] = "end"
+    """What a program that crashes too often does: it ends all programs, or it alone stays down."""
     copies: Annotated[int, Meta(ge=1, le=99, description="a whole number from 1 to 99")] = 1
+    """The number of processes. They are named NAME.1, NAME.2 and so on."""
 
 
 class Launch(msgspec.Struct, frozen=True, kw_only=True):
@@ -155,7 +182,7 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
         check_table(name, table)
     common = tables.get(RUN, {})
     check_keys(Limits, RUN, common)
-    central = read_table(_CentralTable, CENTRAL, tables.get(CENTRAL, {}), common)
+    central = read_table(CentralTable, CENTRAL, tables.get(CENTRAL, {}), common)
     address = central.address or default_endpoint()
     if address.endswith(":*"):
         raise BadUserFile(f"central.address is {address}: name a port, so that modules find it")
@@ -171,7 +198,7 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN))
 
 
-def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
+def _central(table: CentralTable, address: str, folder: Path) -> Launch:
     """Return the launch of central.
 
     Each run of the robot has its own journal, unless the file names a journal. If central is
@@ -202,7 +229,7 @@ def _copies(
             f"{place}: choose another name, of letters, digits, '-' and '_',"
             f" but not '{CENTRAL}' or '{RUN}'"
         )
-    table = read_table(_ModuleTable, place, given, common)
+    table = read_table(ModuleTable, place, given, common)
     if table.hung == "restart" and table.restart == "never":
         raise BadUserFile(
             f'{place}.hung is "restart", but restart is "never": leave one of them out'

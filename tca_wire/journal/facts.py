@@ -184,8 +184,10 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     message_id: int
     module: str
     resource: str
-    slot: int = 0  #: the number of the resource's slot that has it, from 1
-    is_nested: bool = False  #: whether the slot handles it while the slot's other message waits
+    slot: int = 0
+    """The number of the resource's slot that has it, from 1."""
+    is_nested: bool = False
+    """Whether the slot handles it while the slot's other message waits."""
     priority: int = 0
     began: float = 0
     """The time at which its handler started, if before this entry: the message was prefetched."""
@@ -194,7 +196,8 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
 class Postponed(NumberedFact, frozen=True, tag="postponed"):
     """The handler of a delivery has returned, and replies later."""
 
-    frees_slot: bool = False  #: whether its slot handles any message, not only tasks below it
+    frees_slot: bool = False
+    """Whether its slot handles any message, not only tasks below it."""
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
@@ -218,7 +221,8 @@ class Dropped(NumberedFact, frozen=True, tag="dropped"):
     message: str
     why: str
     copy_of: int = 0
-    where: str = ""  #: the place of a query when its sender gave up
+    where: str = ""
+    """The place of a query when its sender gave up."""
     dropping: Dropping = Dropping.OTHER
 
 
@@ -469,9 +473,12 @@ class Retried(TaskFact, frozen=True, tag="retried"):
 
     body: bytes
     by: str
-    failed: TaskId = ROOT  #: the failing task, if a retry policy deals with the failure
-    pause: Constraint | None = None  #: the delay that the policy puts before the retry
-    fallback: str = ""  #: the message that replaces the task now, instead of another handling
+    failed: TaskId = ROOT
+    """The failing task, if a retry policy deals with the failure."""
+    pause: Constraint | None = None
+    """The delay that the policy puts before the retry."""
+    fallback: str = ""
+    """The message that replaces the task now, instead of another handling."""
 
 
 # --- wiretaps and monitors ------------------------------------------------------------------------

@@ -34,11 +34,16 @@ class CentralFailed(BaseFact, frozen=True, tag="broke"):
 class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
     """Central was down. No task starts until the awaited connections are back or lost."""
 
-    away: float  #: the wall-clock seconds that it was down (0: not known)
-    awaited: int  #: the number of awaited connections
-    hold: bool = False  #: tasks start only when a module allows it
-    may_lack: bool = False  #: the last inputs before a power cut may be missing
-    aside: int = 0  #: the number of journal entries of these inputs; they were set aside
+    away: float
+    """The wall-clock seconds that it was down (0: not known)."""
+    awaited: int
+    """The number of awaited connections."""
+    hold: bool = False
+    """Tasks start only when a module allows it."""
+    may_lack: bool = False
+    """The last inputs before a power cut may be missing."""
+    aside: int = 0
+    """The number of journal entries of these inputs; they were set aside."""
 
 
 class WentOn(BaseFact, frozen=True, tag="went on"):

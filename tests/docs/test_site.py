@@ -5,6 +5,7 @@ import json
 import pytest
 
 from dev.site import __main__ as docs
+from dev.site.root import SITE
 
 pytestmark = pytest.mark.slow
 
@@ -19,9 +20,7 @@ def test_site_builds_without_warnings(built: str) -> None:
 
 
 def test_search_of_the_site_leaves_out_records(built: str) -> None:
-    found = {
-        one["location"] for one in json.loads((docs.SITE / "search.json").read_text())["items"]
-    }
+    found = {one["location"] for one in json.loads((SITE / "search.json").read_text())["items"]}
     assert "index.html" in found
     assert not [place for place in found if place.startswith(docs.RECORDS)]
-    assert (docs.SITE / "decisions").is_dir()
+    assert (SITE / "decisions").is_dir()

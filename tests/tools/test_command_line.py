@@ -133,7 +133,7 @@ def test_installed_command_has_its_entry_point_name_and_group() -> None:
     for name, target in (line.split(" = ") for line in lines):
         module, _, attribute = target.partition(":")
         assert getattr(import_module(module), attribute).name == name
-        assert any(name in group for group in command_line._GROUPS.values()), (
+        assert any(name in group for group in command_line.GROUPS.values()), (
             f"'{name}' is listed under 'More'"
         )
 

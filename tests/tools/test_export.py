@@ -36,8 +36,6 @@ from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
-DOCS = Path(__file__).parents[2] / "docs/tools/exports.md"
-
 
 def rows(history: History, name: str) -> list[dict[str, Any]]:
     table = next(table for table in TABLES if table.name == name)
@@ -99,14 +97,6 @@ def read(kind: ColumnType, text: str) -> Any:
         ColumnType.FLAG: lambda word: {"true": True, "false": False}[word],
     }
     return make.get(kind, str)(text) if text else None
-
-
-def test_exports_page_names_every_table_and_column() -> None:
-    text = DOCS.read_text()
-    for table in TABLES:
-        part = text.split(f"### {table.name}\n", 1)[1].split("\n### ", 1)[0]
-        for column in table.columns:
-            assert f"`{column}`" in part, f"{table.name}: {column}"
 
 
 # --- formats, folders and errors ------------------------------------------------------------------

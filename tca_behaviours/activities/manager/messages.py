@@ -111,7 +111,11 @@ APPLICATION = "application "
 
 
 class ApplicationMessages:
-    """The messages of the application of that name."""
+    """The messages of an application.
+
+    Args:
+        name: the name of the application.
+    """
 
     def __init__(self, name: str) -> None:
         self.application = Variable(f"{APPLICATION}{name}", ApplicationEntry)

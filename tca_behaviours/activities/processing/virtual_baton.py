@@ -32,7 +32,11 @@ class VirtualBaton:
 
     @contextlib.contextmanager
     def changing(self) -> Iterator[Schedule]:
-        """A block that changes the schedule."""
+        """Start a ``with`` block that changes the schedule.
+
+        Yields:
+            The schedule.
+        """
         try:
             yield self.schedule
         finally:

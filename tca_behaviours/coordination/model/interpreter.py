@@ -26,7 +26,11 @@ class Interpreter:
         self.restart()
 
     def restart(self, now: float = 0.0) -> None:
-        """Return to the first leaf."""
+        """Return to the first leaf.
+
+        Args:
+            now: the time, in seconds, from which the delays of the leaf count. Default: 0.
+        """
         self._chart.begin()
         self.current = self._states[0].leaf.number
         """The current leaf."""

@@ -37,7 +37,11 @@ class LikelihoodModel:
 
 
 class Prior(LikelihoodModel):
-    """A constant likelihood in [0, 1]."""
+    """A constant likelihood.
+
+    Args:
+        likelihood: the likelihood, in [0, 1].
+    """
 
     is_constant = True
 
@@ -71,7 +75,12 @@ class Learned(LikelihoodModel):
             self._exits[label] = self._exits.get(label, 0) + count
 
     def value(self, _situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """Return the share of this symbol."""
+        """Return the share of this symbol.
+
+        Args:
+            leaf: the label of the state.
+            symbol: the symbol of the transition.
+        """
         exits = self._exits.get(leaf, 0)
         return self.counts.get((leaf, symbol), 0) / exits if exits else None
 
@@ -93,7 +102,11 @@ class Perceived(LikelihoodModel):
         self.negated = negated
 
     def value(self, situation: Situation, _leaf: str, _symbol: str, /) -> float | None:
-        """Return the present confidence."""
+        """Return the present confidence.
+
+        Args:
+            situation: the present situation.
+        """
         confidence = situation.confidence(self.variables[0])
         return confidence if confidence is None or not self.negated else 1.0 - confidence
 
@@ -140,7 +153,13 @@ class Weighted(LikelihoodModel):
         self.variables = [variable for _, model in self.parts for variable in model.variables]
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """Return the mean of the known likelihoods."""
+        """Return the mean of the known likelihoods.
+
+        Args:
+            situation: the present situation.
+            leaf: the label of the state.
+            symbol: the symbol of the transition.
+        """
         values = [(weight, model.value(situation, leaf, symbol)) for weight, model in self.parts]
         known = [(weight, value) for weight, value in values if value is not None]
         weights = fsum(weight for weight, _ in known)

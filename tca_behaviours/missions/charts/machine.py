@@ -319,7 +319,18 @@ class Sequence(StateMachine):
 
 
 class Concurrence(StateMachine):
-    """A machine whose states run together. Args: see ``StateMachine.concurrence``."""
+    """A machine whose states run together.
+
+    Args:
+        name: the name of the machine, in the tree and in pictures.
+        until: as for ``StateMachine.concurrence``.
+        outcome_map: as for ``StateMachine.concurrence``.
+        default: the outcome if no row of *outcome_map* fits. Default: the ending as *until* says.
+        outcomes: further outcomes of its own.
+
+    Raises:
+        UnsoundMachine: the machine can't be run as it is written. Raised at the end of the block.
+    """
 
     def __init__(
         self,

@@ -111,6 +111,9 @@ class BaseMission(MissionWaits):
     def open(self) -> Self:
         """Join central and find the server. A ``with`` block calls it.
 
+        Returns:
+            The mission.
+
         Raises:
             CentralLost: central can't be reached.
             NotOffered: the server did not appear within ``patience`` seconds.
@@ -139,6 +142,9 @@ class BaseMission(MissionWaits):
 
         A ``with`` block calls it. With an *error*, which ended the mission, the mission has failed.
         The end of a mission that was opened ``beside`` another stops nothing.
+
+        Args:
+            error: the error that ended the mission. Default: None.
         """
         if not self._is_open:
             return
@@ -432,7 +438,17 @@ class BaseMission(MissionWaits):
     ) -> T:
         """Do a step as ``step`` does, but repeat it if it was under way when the program died.
 
-        Args, Returns, Raises: as for ``step``, without StepUncertain.
+        Args:
+            name: the step's name, unique in the mission.
+            function: a task of the mission, or any function that returns plain data.
+            args: its arguments.
+            parameters: its keyword arguments.
+
+        Returns:
+            The value of the function.
+
+        Raises:
+            MisuseError: as for ``step``.
         """
         return self._step(name, function, args, parameters, is_repeatable=True)
 

@@ -50,7 +50,11 @@ class ServedTask(Generic[E]):
         """
 
     def iterate(self) -> Status | None:
-        """Do the work, and return the status. An exception ends the run."""
+        """Do the work. An exception ends the run.
+
+        Returns:
+            The status. None means completed.
+        """
         raise NotImplementedError
 
     def terminate(self) -> None:
@@ -116,7 +120,11 @@ class PeriodicTask(ServedTask[E]):
     )
 
     def iterate(self) -> Status:
-        """Do one step, in much less than a period: return RUNNING, or COMPLETED at the goal."""
+        """Do one step, in much less than a period.
+
+        Returns:
+            RUNNING, or COMPLETED at the goal.
+        """
         raise NotImplementedError
 
 
@@ -137,7 +145,11 @@ class Idle(PeriodicTask[Environment]):
     """Do nothing, for ever."""
 
     def iterate(self) -> Status:
-        """Continue to do nothing."""
+        """Continue to do nothing.
+
+        Returns:
+            RUNNING.
+        """
         return Status.RUNNING
 
 

@@ -106,7 +106,11 @@ class TaskServer:
 
     @block
     def running(self) -> Iterator["TaskServer"]:
-        """Serve during a ``with`` block."""
+        """Serve during a ``with`` block.
+
+        Yields:
+            The server.
+        """
         with contextlib.closing(self.environment), self.module.running():
             yield self
 

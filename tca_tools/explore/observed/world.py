@@ -141,7 +141,11 @@ class World:
         self._seen = {key: Seen(known.items[key]) for key in keys}
 
     def true_of(self, predicate: Predicate) -> PredicateValue:
-        """Return the value of *predicate* in this world."""
+        """Return the value of *predicate* in this world.
+
+        Args:
+            predicate: the predicate, such as ``begun(MOVE_LEG)``.
+        """
         return PredicateValue.of(predicate(self))
 
     # A predicate of an event (sent, retried, ...) is true for one action only, so each match of it
@@ -159,15 +163,26 @@ class World:
         return Messages([seen for seen in self._seen.values() if seen.is_task])
 
     def parent(self, task: Seen) -> Seen | None:
-        """Return the parent of *task*; None if it is the root."""
+        """Return the parent of *task*; None if it is the root.
+
+        Args:
+            task: a task of this world.
+        """
         return next((seen for seen in self._seen.values() if seen.id == task.parent_id), None)
 
     def children(self, task: Seen) -> Messages:
-        """Return the tasks directly under *task*."""
+        """Return the tasks directly under *task*.
+
+        Args:
+            task: a task of this world.
+        """
         return Messages([seen for seen in self.tasks if seen.parent_id == task.id])
 
     def held(self, task: Seen) -> list[tuple[Moment, Moment, Seen | None]]:
         """Return the constraints on *task*, without those that have a delay.
+
+        Args:
+            task: a task of this world.
 
         Returns:
             For each constraint three values: a moment of *task*, the moment that must be reached

@@ -185,8 +185,8 @@ class Play(Exchange):
         """Perform an action.
 
         Raises:
-            ScenarioError: A script can't be played.
-            CentralFault: Central raised an error.
+            ScenarioError: a script can't be played.
+            CentralFault: central raised an error.
         """
         self.facts, self.taken = [], None
         self.world.violations.clear()

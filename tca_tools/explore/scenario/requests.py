@@ -136,9 +136,9 @@ def accepted(call: str, by: str = "") -> Predicate:
     lock is accepted when it begins.
 
     Args:
-        call: The module library's call: "kill", "retry", "on_termination", ...; "send" for a
+        call: the module library's call: "kill", "retry", "on_termination", ...; "send" for a
             message of any class.
-        by: The name of the module that makes the request; any module by default.
+        by: the name of the module that makes the request; any module by default.
 
     Raises:
         ScenarioError: There is no such call.

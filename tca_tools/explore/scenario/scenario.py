@@ -87,8 +87,8 @@ class ScenarioModule:
         """Declare a further resource of this module; handlers refer to it with ``resource=``.
 
         Args:
-            name: The resource's name.
-            capacity: The number of messages that it handles at a time; 1 by default.
+            name: the resource's name.
+            capacity: the number of messages that it handles at a time; 1 by default.
 
         Returns:
             The name.
@@ -98,20 +98,21 @@ class ScenarioModule:
         self._capacities[name] = capacity
         return name
 
+    @checks.with_options
     def handles(
         self, message: Message[Any, Any], **options: Unpack[HandlerOptions]
     ) -> Callable[[Function], Function]:
         """Declare the decorated function as this module's handler of *message*.
 
         Args:
-            message: The message; one handler each.
+            message: the message; one handler each.
             options: Those of the module library's ``handles``, without *direct*.
 
         Returns:
             The decorator.
 
         Raises:
-            ScenarioError: The message has a handler already, or an option is not possible.
+            ScenarioError: the message has a handler already, or an option is not possible.
         """
         with as_scenario_error(f"module '{self.name}'"):
             handler = checked_format(message, options, self.name, {})
@@ -143,7 +144,16 @@ class ScenarioModule:
     def does(self, function: Function) -> Function:
         """Declare the decorated function as the module's own program, which runs outside of tasks.
 
-        It gets a ``Script``. A module has at most one.
+        A module has at most one.
+
+        Args:
+            function: takes a ``Script``.
+
+        Returns:
+            The function.
+
+        Raises:
+            ScenarioError: the module has a program already.
         """
         if self.own_program is not None:
             raise ScenarioError(
@@ -154,7 +164,14 @@ class ScenarioModule:
         return function
 
     def at_start(self, function: Function) -> Function:
-        """Declare a function that runs when the module has joined, before it handles anything."""
+        """Declare a function that runs when the module has joined, before it handles anything.
+
+        Args:
+            function: takes a ``Script``.
+
+        Returns:
+            The function.
+        """
         self._start_programs.append(Program(f"at_start in {self.name}", function, None))
         return function
 
@@ -182,8 +199,8 @@ class Scenario:
     """A small robot, and the properties that must hold in whatever order things happen.
 
     Args:
-        title: Its name in results.
-        properties: The properties to check in every state (see ``tca_tools.properties``).
+        title: its name in results.
+        properties: the properties to check in every state (see ``tca_tools.properties``).
 
     Example::
 
@@ -215,21 +232,21 @@ class Scenario:
         """Add a module.
 
         Args:
-            name: The module's name; its own resource has the same.
-            capacity: The number of messages that its own resource handles at a time.
-            may_be_lost: The number of times that its process may die, at any time.
-            comes_back: Whether it is started again each time that it was lost.
-            may_leave: Whether it may say goodbye at any time.
-            arrives_late: Whether it joins at some time of the run, instead of before it.
-            prefetch: The number of messages that each of its slots may have prefetched; packets to
+            name: the module's name; its own resource has the same.
+            capacity: the number of messages that its own resource handles at a time.
+            may_be_lost: the number of times that its process may die, at any time.
+            comes_back: whether it is started again each time that it was lost.
+            may_leave: whether it may say goodbye at any time.
+            arrives_late: whether it joins at some time of the run, instead of before it.
+            prefetch: the number of messages that each of its slots may have prefetched; packets to
                 the slots then take some time. None: slots receive packets at once.
-            requires: Messages that must have a handler before this module handles anything.
+            requires: messages that must have a handler before this module handles anything.
 
         Returns:
             The module, for its handlers.
 
         Raises:
-            ScenarioError: The name is in use, or an argument is not possible.
+            ScenarioError: the name is in use, or an argument is not possible.
         """
         if name in self.modules:
             raise ScenarioError(f"there is a module '{name}' already: choose another name")
@@ -259,8 +276,8 @@ class Scenario:
         """Let the operator kill tasks of *message*, at any time.
 
         Args:
-            message: A goal or command.
-            times: The number of kills; 1 by default.
+            message: a goal or command.
+            times: the number of kills; 1 by default.
         """
         check("may_kill()", checks.AMOUNT, times=times)
         self.may_be_killed[_task(message, "may_kill").name] = times
@@ -269,8 +286,8 @@ class Scenario:
         """Let the operator suspend tasks of *message* at any time, and resume them later.
 
         Args:
-            message: A goal or command.
-            times: The number of suspensions; 1 by default.
+            message: a goal or command.
+            times: the number of suspensions; 1 by default.
         """
         check("may_suspend()", checks.AMOUNT, times=times)
         self.may_be_suspended[_task(message, "may_suspend").name] = times

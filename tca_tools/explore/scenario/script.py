@@ -64,7 +64,11 @@ class _Choices:
     _explored: ScriptConnection
 
     def choose(self, *alternatives: T) -> T:
-        """Return one of *alternatives*; each of them is explored."""
+        """Return one of *alternatives*; each of them is explored.
+
+        Args:
+            alternatives: the values to choose from.
+        """
         if not alternatives:
             self._explored.end(
                 ScenarioError("choose() has nothing to choose from: give it the alternatives")
@@ -83,8 +87,8 @@ class _Choices:
         This also applies to handlers that have started already and keep their reply only later.
 
         Args:
-            message: The message whose handlers keep a reply.
-            words: A text for the function that was given to ``keep_reply``.
+            message: the message whose handlers keep a reply.
+            words: a text for the function that was given to ``keep_reply``.
         """
         self._explored.do(steps.UseKeptReplies(message.name, words))
 
@@ -120,8 +124,8 @@ class Task(_Choices, ModuleTask):
         calls ``keep_reply`` again.
 
         Args:
-            later: The reply, from ``reply_later()``.
-            then: A function of the LaterReply and the words given to ``use_kept``.
+            later: the reply, from ``reply_later()``.
+            then: a function of the LaterReply and the words given to ``use_kept``.
         """
         self._explored.kept = later, then
 
@@ -133,7 +137,7 @@ class Task(_Choices, ModuleTask):
         """Wait for the next request of a client to this task.
 
         Args:
-            timeout: The most seconds to wait; None, the default, waits forever.
+            timeout: the most seconds to wait; None, the default, waits forever.
 
         Returns:
             The request; None when the time is over. Each request is returned once.

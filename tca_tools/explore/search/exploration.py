@@ -53,19 +53,19 @@ def explore(
     """Explore every run of *scenario*, until a violation is found or *limit* states are reached.
 
     Args:
-        scenario: The scenario, which has properties of its own.
-        properties: Further properties to check.
-        limit: The most states to explore; 100,000 by default.
-        watch: A function that is called now and then with two numbers: the states reached, and
+        scenario: the scenario, which has properties of its own.
+        properties: further properties to check.
+        limit: the most states to explore; 100,000 by default.
+        watch: a function that is called now and then with two numbers: the states reached, and
             those that are not expanded yet.
-        check: For tests of central itself: a function that is called with central in each new
+        check: for tests of central itself: a function that is called with central in each new
             state and raises AssertionError if something is wrong.
 
     Returns:
         The result: a violation with the shortest run to it, or the size of the search.
 
     Raises:
-        ScenarioError: A script can't be played, or a property can't be evaluated.
+        ScenarioError: a script can't be played, or a property can't be evaluated.
         ExplorerError: Central's core is compiled; the explorer needs the one in Python.
 
     Example::

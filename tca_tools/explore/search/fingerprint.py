@@ -124,9 +124,9 @@ def fingerprint_of(
     """Return the fingerprint of a state and its messages.
 
     Args:
-        play: The state.
-        memories: The memories of the properties.
-        detail: Further differences to include.
+        play: the state.
+        memories: the memories of the properties.
+        detail: further differences to include.
 
     Returns:
         A digest that is unique among different states; and the messages under way, in an order

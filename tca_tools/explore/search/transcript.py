@@ -16,6 +16,9 @@ def report(result: Result) -> str:
 
     A counterexample has one numbered line for each action; below it, indented, the facts that
     central recorded.
+
+    Args:
+        result: what ``explore`` has returned.
     """
     title, violation = result.scenario.title, result.violation
     size = f"{result.states:,} states"
