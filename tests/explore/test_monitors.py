@@ -46,7 +46,7 @@ def starting(monitor: PollingMonitor[None], **options: Any) -> Callable[[Task], 
 
 
 def monitor_tapped_task(task: Task, **options: Any) -> None:
-    """Start a monitor under the tapped task, as docs/modules.md advises."""
+    """Start a monitor under the tapped task, as docs/concepts/monitors.md advises."""
     assert task.tap_event.tapped is not None
     try:
         task.under(task.tap_event.tapped).monitor(GAUGE, period=1.0, **options)
