@@ -1,5 +1,5 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
-# lint   format, lint, types                                          bench   what messages cost here
+# lint   format, lint, types, docs                                  bench   what messages cost here
 # check  lint, and tests with coverage
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 # docs   the site of the documents, in build/site
@@ -27,6 +27,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy .
 	$(BIN)/pyright
+	$(BIN)/python -m dev.site
 
 check: lint
 	$(BIN)/python -m pytest $(AT_ONCE) --cov --cov-report=term:skip-covered

@@ -1,4 +1,7 @@
-"""The site builds without warnings: links, anchors and quoted files exist, docstrings are whole."""
+"""The site builds without warnings: links, anchors and quoted files exist, docstrings are whole.
+
+The quick suite leaves this to ``make lint``, which builds the site, too.
+"""
 
 import json
 
@@ -7,7 +10,7 @@ import pytest
 from dev.site import __main__ as docs
 from dev.site.root import SITE
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.soak]
 
 
 @pytest.fixture(scope="module")
