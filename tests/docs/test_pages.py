@@ -70,4 +70,3 @@ def test_examples_quoted_by_pages_are_the_examples() -> None:
     quoted = {found["file"] for found in QUOTE.finditer(texts)}
     examples = {path.name for path in (ROOT / "examples").glob("*.py")}
     assert {name for name in examples if name not in quoted and name not in texts} == set()
-
