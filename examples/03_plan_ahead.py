@@ -12,7 +12,7 @@ diary: list[str] = []
 
 @planner.handles(MOW_LAWN)
 def mow_lawn(task: Task, rows: int) -> None:
-    with task.sequence(plan_ahead=1):
+    with task.sequence(plan_ahead=1):  # at most one row beyond the one being mown
         for row in range(rows):
             task.goal(MOW_ROW, row)
 

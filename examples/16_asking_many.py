@@ -1,4 +1,4 @@
-"""A multi-query asks all its handlers: wait for the first reply, for all in time, or for each."""
+"""Ask all handlers of a multi-query: for the first reply, all replies in time, or one by one."""
 
 import threading
 
@@ -24,13 +24,14 @@ def refuses(_: Task, job: str) -> int:
 
 @arms[2].handles(BID)
 def thinks(_: Task, job: str) -> int:
-    may_reply.wait(10)
+    may_reply.wait(10)  # late, until the last call below
     return 2 * len(job)
 
 
 if __name__ == "__main__":
     with arms[0].running(), arms[1].running(), arms[2].running(), asker.running():
         print("the first bid:", asker.multi_query(BID, "dig", maximum=1))
+        # Waits the whole second, because the third arm does not reply.
         print("all in time:", asker.multi_query(BID, "dig", timeout=1.0))
         for bid in asker.multi_query_send(BID, "dig", timeout=10):
             print("bid:", bid)

@@ -23,7 +23,7 @@ def stow(_: Task, thing: str) -> None:
 
 @expert.handles(UNPACK)
 def unpack(task: Task) -> None:
-    packing = task.trouble.attached
+    packing = task.trouble.attached  # the task that was sent with on_failure=
     assert packing is not None
     for stowed in reversed(packing.kept(STOW)):
         print("took out the", stowed.data(STOW))

@@ -1,7 +1,4 @@
-"""Use one's own resource: a handler waits for subtasks of its slot, or leaves the slot to them.
-
-TDL says ``spawn with wait`` and POSTPONE.
-"""
+"""A handler waits for subtasks that its own slot handles, or leaves the slot to any message."""
 
 from tca_module import Command, Goal, LaterReply, Module, Task, connect
 
@@ -25,7 +22,7 @@ def step(_: Task, number: int) -> None:
 
 @legs.handles(STAND)
 def stand(task: Task) -> LaterReply[None]:
-    standing.append(task.reply_later(frees_slot=True))  # the slot handles any message from now on
+    standing.append(task.reply_later(frees_slot=True))  # from now on, any message
     return standing[0]
 
 

@@ -20,6 +20,7 @@ def height(_: Task, x: int) -> float:
 @eyes.handles(SURVEY)
 async def survey(task: Task) -> None:
     started = time.monotonic()
+    # Three queries of 0.1 s each, at the same time.
     heights = await asyncio.gather(*(task.query_send(HEIGHT, x) for x in range(3)))
     print("heights:", heights, "in 0.3 s" if time.monotonic() - started > 0.25 else "at once")
     watch = task.command(WATCH)

@@ -1,4 +1,7 @@
-"""Direct messages skip central. While a wiretap watches them, they go through central again."""
+"""Direct messages skip central. While a wiretap watches them, they go through central again.
+
+They always go through central if the folder of its socket has a path of more than 75 characters.
+"""
 
 import sys
 import threading

@@ -22,6 +22,6 @@ if __name__ == "__main__":
         digging.resume()
         for depth in depths:  # ends with the task
             print(f"{depth} cm")
-        for change in changes:
+        for change in changes:  # the server is the module that handles the task
             print(f"{change.transition} by {change.by}: {change.state}")
         print("found", digging.result())

@@ -4,6 +4,7 @@ from tca_module import Command, Failure, Module, Retry, Task, connect
 
 SLIPPED = Failure("slipped", str)
 CALL_HELP = Command("call for help", str)
+# At most three attempts. After the last one, CALL_HELP gets the data of the grasp.
 GRASP = Command("grasp", str, retry=Retry(3, pause=0.1, failures=[SLIPPED], otherwise=CALL_HELP))
 
 robot = Module("robot")

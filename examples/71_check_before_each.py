@@ -15,6 +15,7 @@ def move(_: Task, height: float) -> None:
 
 @safety.at_start
 def watch(module: Module) -> None:
+    # Before each move: send CHECK with its data, and wait for the end of the check.
     module.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
 
 

@@ -1,4 +1,4 @@
-"""Watch a battery while a rover explores: a polling monitor charges it when it is low."""
+"""A polling monitor asks about the battery while a rover explores, and has it charged in time."""
 
 from itertools import count
 
@@ -9,11 +9,12 @@ IS_LOW = Query("is the battery low", reply=bool)
 BATTERY = PollingMonitor("battery", condition=IS_LOW, action=CHARGE)
 
 rover, battery = Module("rover"), Module("battery")
-levels = count(50, -10)
+levels = count(50, -10)  # in percent: 50, 40, 30, 20, ...
 
 
 @rover.handles(EXPLORE)
 def explore(task: Task) -> None:
+    # Asks IS_LOW every 0.05 s, and sends CHARGE once.
     task.monitor(BATTERY, period=0.05, maximum=1)
     task.command(DRIVE)
 

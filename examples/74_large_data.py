@@ -27,10 +27,10 @@ if __name__ == "__main__":
         image = user.query(LOOK, 2000)
         print(f"{image.nbytes:,} bytes, brightness", user.query(BRIGHTNESS, image))
         try:
-            user.query(BRIGHTNESS, np.zeros((3000, 3000), np.uint8))
+            user.query(BRIGHTNESS, np.zeros((3000, 3000), np.uint8))  # 9 MB: too large
         except BadData as error:
             print(error)
         try:
-            user.query(LOOK, 3000)
+            user.query(LOOK, 3000)  # the reply is too large
         except QueryFailed as error:
             print(error)

@@ -17,7 +17,7 @@ def show(_: Task, content: str) -> None:
     may_finish.wait(10)
 
 
-@display.handles(COUNT, pending=1)
+@display.handles(COUNT, pending=1)  # a newer picture displaces the one that waits
 def count_people(_: Task, picture: int) -> int:
     return picture * 10
 

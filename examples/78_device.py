@@ -17,11 +17,12 @@ turning: list[LaterReply[int]] = []
 @arm.handles(TURN)
 def turn(task: Task, degrees: int) -> LaterReply[int]:
     cable.send(b"%d\n" % degrees)
-    turning.append(task.reply_later())
-    return turning[0]
+    later = task.reply_later()  # the command stays open until later.reply() or later.fail()
+    turning.append(later)
+    return later
 
 
-def read_answer() -> None:
+def read_answer() -> None:  # called when the device has sent something
     word, degrees = cable.recv(100).split()
     later = turning.pop()
     if word == b"at":
@@ -30,7 +31,7 @@ def read_answer() -> None:
         later.fail(STALLED(int(degrees)))
 
 
-def simulate_device() -> None:
+def simulate_device() -> None:  # it can turn up to 90 degrees
     while degrees := int(device.recv(100)):
         time.sleep(0.05)
         device.send(b"at %d" % degrees if degrees <= 90 else b"stalled 90")

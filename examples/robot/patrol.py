@@ -5,6 +5,7 @@ from tca_module import Command, ExceptionHandler, Goal, Module, Task
 PATROL, DRIVE = Goal("patrol"), Command("drive", str)
 AGAIN = ExceptionHandler("drive again")
 patrol = Module("patrol")
+# None: after any failure of a drive.
 patrol.at_start(lambda module: module.on_failure(None, AGAIN, of=DRIVE, maximum=2))
 
 
