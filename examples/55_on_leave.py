@@ -23,7 +23,7 @@ def main() -> None:
         with connect("operator", on_leave="cancel") as operator:
             trip = operator.goal(DRIVE, "dock")
             next(trip.progress(str))
-        print("the operator has left")
+            print("the operator leaves")
 
 
 if __name__ == "__main__":
