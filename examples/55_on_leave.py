@@ -19,11 +19,10 @@ def drive(task: Task, place: str) -> None:
 
 
 def main() -> None:
-    with wheels.running():
-        with connect("operator", on_leave="cancel") as operator:
-            trip = operator.goal(DRIVE, "dock")
-            next(trip.progress(str))
-            print("the operator leaves")
+    with wheels.running(), connect("operator", on_leave="cancel") as operator:
+        trip = operator.goal(DRIVE, "dock")
+        next(trip.progress(str))
+        print("the operator leaves")
 
 
 if __name__ == "__main__":

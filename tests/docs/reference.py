@@ -13,7 +13,7 @@ from dev.site.parts import PARTS_BY_NAME
 
 PACKAGES = ("tca_wire", "tca_module", "tca_tools", "tca_behaviours")
 DIRECTIVE = re.compile(r"^::: (?P<path>[\w.]+)\n(?P<options>(?:    .*\n)*)", re.MULTILINE)
-ROW = re.compile(r"^\| `(?P<name>\w+)` \|", re.MULTILINE)
+ROW = re.compile(r"^\| ?`(?P<name>\w+)` ?\|", re.MULTILINE)
 SNIPPET = re.compile(r'^--8<-- "(?P<name>[\w-]+)\.md"$', re.MULTILINE)
 
 
