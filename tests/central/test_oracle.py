@@ -386,6 +386,21 @@ def test_retry_is_pending_while_stranded_handlers_are_skipped() -> None:
     assert player.delivered("legs2/2")
 
 
+def test_handlers_resumed_together_start_before_a_monitor() -> None:
+    player = JudgedLife().player
+    options = WatchOptions(period=100, initial_wait=True)
+    watch = TaskId(player.task("user", "watch", watch=options, suspended=True))
+    player.request("user", headers.Attach, Attachment("", "recover"), watch)
+    player.request("user", headers.Raise, watch, "slipped")
+    recover = TaskId(player.central.tree.newest)
+    player.request("user", headers.Raise, recover, "slipped")
+    second = player.central.tree.newest
+    until = WatchOptions(until=point(second, Moment.START_PLANNING))
+    guard = player.task("user", "guard", watch=until, under=recover)
+    player.request("user", headers.Kill, watch)
+    assert guard not in player.central.tree.tasks
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:

@@ -266,7 +266,6 @@ def _next_due(world: World) -> float:
 
 def settle(world: World) -> None:
     """Reach all points that may be reached."""
-    world.round += 1
     while _pass(world) or _carry_out_due_kills(world) or oracle_monitors.end_due_monitors(world):
         pass
 
