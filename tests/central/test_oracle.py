@@ -401,6 +401,25 @@ def test_handlers_resumed_together_start_before_a_monitor() -> None:
     assert guard not in player.central.tree.tasks
 
 
+@pytest.mark.parametrize("is_retried", [False, True])
+def test_queued_handling_has_its_number_already(is_retried: bool) -> None:
+    player = JudgedLife().player
+    player.module("arm", "command lift")
+    busy = player.task("user", "lift", flags=Flags.NONE)
+    lift = TaskId(player.task("user", "lift", flags=Flags.NONE))
+    if is_retried:
+        player.reply("arm/1", busy)
+        player.request("user", headers.Retry, lift)
+        player.task("user", "lift", flags=Flags.NONE, priority=1)
+        player.reply("arm/1")
+    own = player.central.tree.tasks[lift].handling_id
+    guard = player.task("user", "guard", watch=WatchOptions(), under=lift, origin=own)
+    player.reply("arm/1")
+    assert player.delivered("arm/1") == [own]
+    player.request("user", headers.Retry, lift)
+    assert guard in [fact.task for fact in player.facts(Killed)]
+
+
 @given(operations)
 @settings(max_examples=45)
 def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
