@@ -331,6 +331,34 @@ def test_slot_is_lent_for_the_wait_of_a_program_with_a_lock() -> None:
     assert player.delivered("legs/1") == [first, second]
 
 
+def test_retried_task_is_lent_the_slot_before_less_urgent_ones() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "user")
+    top = player.task("user", "walk")
+    player.receive("planner/1", headers.Postpone(top, False))
+    first, second = (
+        player.task("user", "walk", under=top, flags=Flags.NONE, priority=urgent)
+        for urgent in (1, 0)
+    )
+    player.request("user", headers.Retry, TaskId(first))
+    player.reply("planner/1", first)
+    _, again = player.delivered("planner/1")
+    player.reply("planner/1", again)
+    assert player.delivered("planner/1") == [top, second]
+
+
+def test_kill_by_a_start_precedes_a_lent_slot() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "arm: command lift", "user")
+    top = player.task("user", "walk")
+    player.receive("planner/1", headers.Postpone(top, False))
+    first, second = (player.task("user", "walk", under=top, flags=Flags.NONE) for _ in range(2))
+    then = before(point(first, Moment.END_ACHIEVING), point(-1, Moment.START_ACHIEVING))
+    lift = player.task("user", "lift", flags=Flags.NONE, constraints=(then,))
+    after = point(lift, Moment.START_HANDLING)
+    player.request("user", headers.Kill, TaskId(second), after=after)
+    player.reply("planner/1", first)
+    assert second not in player.central.tree.tasks
+
+
 def test_newer_wait_of_coroutine_replaces_the_older() -> None:
     player = JudgedPlayer.of("planner: goal walk, command lift", "legs: command move", "user")
     walk = player.task("user", "walk")
