@@ -111,7 +111,6 @@ class Central(State):
                 lambda displaced: replying.report_displaced(self, *displaced),
             ),
             _output(self.dispatcher.stranded, partial(failures.skip_exception_handler, self)),
-            _output(self.dispatcher.lending.to_lend, partial(waiting.lend, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
@@ -339,6 +338,8 @@ class Central(State):
                 availability.publish_changes(self)
             elif agenda.startable:
                 self._start_all()
+            elif dispatcher.lending.to_lend:
+                waiting.lend(self, dispatcher.lending.to_lend.popleft())
             elif dispatcher.to_refill:
                 dispatcher.refill_next()
             elif self.suspects:

@@ -30,8 +30,11 @@ class Lending(Stored):
     def __init__(self) -> None:
         #: By delivery whose handler has returned, and replies later: whether its slot is free.
         self.postponed: dict[Delivery, bool] = {}
-        #: Slots that may have become able to handle a task below one of their deliveries.
         self.to_lend: deque[Connection] = deque()
+        """Slots that may have become able to handle a task below one of their deliveries.
+
+        Like a free slot, they get it last: other consequences may kill it, hold it or precede it.
+        """
 
     def add(self, queued: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Note a queued task at the slot of *resources* that handles its nearest such ancestor."""

@@ -356,7 +356,8 @@ def wait_cause(at: RunAt, message: Message, until: float) -> WaitCause | None:
     last, and a cause outside of the subtree just before it. Of the others, a running handler comes
     first, then the longest standstill.
     """
-    return _WaitWalk(at, message, until).first() or _cycle(at, message, until)
+    walk = _WaitWalk(at, message, until)
+    return walk.first() or _cycle(at, message, until, walk.nodes)
 
 
 def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
@@ -369,7 +370,7 @@ def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
     walk = _WaitWalk(at, task, run.time)
     if (found := walk.first()) is not None:
         return found, walk.path_to(found.node) if found.is_elsewhere else []
-    if (found := _cycle(at, task, run.time)) is not None:
+    if (found := _cycle(at, task, run.time, walk.nodes)) is not None:
         return found, []
     is_held = waits_now(at, task.id) and not task.handling
     doing = Doing.HELD if is_held else Doing.UNKNOWN
@@ -377,14 +378,18 @@ def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
     return WaitCause(Node(task.id), False, task.id, None, step), []
 
 
-def _cycle(at: RunAt, message: Message, until: float) -> WaitCause | None:
+def _cycle(at: RunAt, message: Message, until: float, nodes: list[Node]) -> WaitCause | None:
     """Return the cycle of waits that blocks a message; None if no cycle does.
+
+    *nodes* are those for which the message waits. A handler that continues under a suspended task
+    may be in a cycle, although the waits of the message end at the suspension.
 
     Its standstill starts with the last change of a member, since that change closed the cycle.
     """
     run, ends, later = at.run, Ends.at(at), nextafter(at.instant, inf)
-    found = next(iter(ends.of(message.id)), None)
-    if found is None or found.kind is not WaitKind.CIRCLE:
+    firsts = (next(iter(ends.of_node(one)), None) for one in nodes)
+    found = next((one for one in firsts if one and one.kind is WaitKind.CIRCLE), None)
+    if found is None:
         return None
     members = [run.messages[one] for one in ends.members(found) if one in run.messages]
     closed, member = max((last_change(run, one, later), one.id) for one in members)
@@ -423,8 +428,8 @@ class _WaitWalk:
         self._own = {one.id for one in under}
         self._found: list[WaitCause] = []
         start = Node(message.id, END_ACHIEVING if isinstance(message, Task) else 0)
-        self._links, self._nodes = {start: _Link(None, None, False)}, [start]
-        for node in self._nodes:  # the list grows during the loop
+        self._links, self.nodes = {start: _Link(None, None, False)}, [start]
+        for node in self.nodes:  # the list grows during the loop
             if (claim := at.run.claims.get(node.number)) is not None:
                 self._at_claim(node, claim)
                 continue
@@ -459,7 +464,7 @@ class _WaitWalk:
             if wait is not None and wait.kind is WaitKind.REPLY:
                 is_elsewhere = self._links[before].is_elsewhere
             self._links[node] = _Link(before, wait, is_elsewhere)
-            self._nodes.append(node)
+            self.nodes.append(node)
 
     def _at_claim(self, node: Node, claim: Claim) -> None:
         """Follow a lock to its holder's waits, or stop at a program that holds it."""

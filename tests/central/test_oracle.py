@@ -331,6 +331,34 @@ def test_slot_is_lent_for_the_wait_of_a_program_with_a_lock() -> None:
     assert player.delivered("legs/1") == [first, second]
 
 
+def test_retried_task_is_lent_the_slot_before_less_urgent_ones() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "user")
+    top = player.task("user", "walk")
+    player.receive("planner/1", headers.Postpone(top, False))
+    first, second = (
+        player.task("user", "walk", under=top, flags=Flags.NONE, priority=urgent)
+        for urgent in (1, 0)
+    )
+    player.request("user", headers.Retry, TaskId(first))
+    player.reply("planner/1", first)
+    _, again = player.delivered("planner/1")
+    player.reply("planner/1", again)
+    assert player.delivered("planner/1") == [top, second]
+
+
+def test_kill_by_a_start_precedes_a_lent_slot() -> None:
+    player = JudgedPlayer.of("planner: goal walk", "arm: command lift", "user")
+    top = player.task("user", "walk")
+    player.receive("planner/1", headers.Postpone(top, False))
+    first, second = (player.task("user", "walk", under=top, flags=Flags.NONE) for _ in range(2))
+    then = before(point(first, Moment.END_ACHIEVING), point(-1, Moment.START_ACHIEVING))
+    lift = player.task("user", "lift", flags=Flags.NONE, constraints=(then,))
+    after = point(lift, Moment.START_HANDLING)
+    player.request("user", headers.Kill, TaskId(second), after=after)
+    player.reply("planner/1", first)
+    assert second not in player.central.tree.tasks
+
+
 def test_newer_wait_of_coroutine_replaces_the_older() -> None:
     player = JudgedPlayer.of("planner: goal walk, command lift", "legs: command move", "user")
     walk = player.task("user", "walk")
@@ -384,6 +412,40 @@ def test_retry_is_pending_while_stranded_handlers_are_skipped() -> None:
     player.request("user", headers.Suspend, move, resume=True)
     assert [fact.by for fact in player.facts(Retried)] == ["user", "central"]
     assert player.delivered("legs2/2")
+
+
+def test_handlers_resumed_together_start_before_a_monitor() -> None:
+    player = JudgedLife().player
+    options = WatchOptions(period=100, initial_wait=True)
+    watch = TaskId(player.task("user", "watch", watch=options, suspended=True))
+    player.request("user", headers.Attach, Attachment("", "recover"), watch)
+    player.request("user", headers.Raise, watch, "slipped")
+    recover = TaskId(player.central.tree.newest)
+    player.request("user", headers.Raise, recover, "slipped")
+    second = player.central.tree.newest
+    until = WatchOptions(until=point(second, Moment.START_PLANNING))
+    guard = player.task("user", "guard", watch=until, under=recover)
+    player.request("user", headers.Kill, watch)
+    assert guard not in player.central.tree.tasks
+
+
+@pytest.mark.parametrize("is_retried", [False, True])
+def test_queued_handling_has_its_number_already(is_retried: bool) -> None:
+    player = JudgedLife().player
+    player.module("arm", "command lift")
+    busy = player.task("user", "lift", flags=Flags.NONE)
+    lift = TaskId(player.task("user", "lift", flags=Flags.NONE))
+    if is_retried:
+        player.reply("arm/1", busy)
+        player.request("user", headers.Retry, lift)
+        player.task("user", "lift", flags=Flags.NONE, priority=1)
+        player.reply("arm/1")
+    own = player.central.tree.tasks[lift].handling_id
+    guard = player.task("user", "guard", watch=WatchOptions(), under=lift, origin=own)
+    player.reply("arm/1")
+    assert player.delivered("arm/1") == [own]
+    player.request("user", headers.Retry, lift)
+    assert guard in [fact.task for fact in player.facts(Killed)]
 
 
 @given(operations)

@@ -319,6 +319,15 @@ class Seen:
             for _, header in self.transmitted
         )
 
+    def handling_id(self, task: int) -> int:
+        """Return the number of a task's newest handling, which is given or queued in this event."""
+        handlings = [
+            fact.id
+            for fact in self.facts
+            if isinstance(fact, facts.Delivered | facts.Queued) and fact.message_id == task
+        ]
+        return max(handlings, default=0)
+
     def take_made_id(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
         """Take the id of a message that central must have made."""
         fired = [

@@ -159,7 +159,7 @@ def held_points(world: World) -> set[tuple[int, Moment]]:
 
 def add(world: World, node: Node, parent: Node) -> None:
     """Add a new task under its parent."""
-    node.parent = parent
+    node.parent, node.handling_id = parent, node.id
     if not node.is_goal:
         node.past = {SP, EP}
     node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
@@ -266,7 +266,6 @@ def _next_due(world: World) -> float:
 
 def settle(world: World) -> None:
     """Reach all points that may be reached."""
-    world.round += 1
     while _pass(world) or _carry_out_due_kills(world) or oracle_monitors.end_due_monitors(world):
         pass
 
@@ -371,7 +370,7 @@ def begin_attempts(world: World, nodes: Iterable[Node] | None = None) -> bool:
         if oracle_policies.send_fallback(world, node):
             node.waiting = node.wanted = False
             continue
-        node.recovering, node.handling_id = None, 0
+        node.recovering, node.handling_id = None, world.seen.handling_id(node.id)
         if node.policy is not None:
             node.policy.attempts += 1
     return bool(due)

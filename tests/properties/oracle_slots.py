@@ -49,8 +49,15 @@ def _occupies(job: Job) -> bool:
 
 def give(world: World) -> bool:
     """Deliver the next message or grant the next claim, as central did. Return whether there was
-    one. Messages queued in this round are all delivered before any consequence.
+    one. Messages queued since the last call are all delivered before any consequence.
     """
+    is_given = _give_next_or_new(world)
+    world.round += 1
+    return is_given
+
+
+def _give_next_or_new(world: World) -> bool:
+    """Deliver or grant one, and after a new message all other new ones."""
     choices = _choices(world)
     if not choices:
         return False

@@ -237,7 +237,12 @@ class Facts:
         )
 
     def _circle(self, step: PathStep) -> bool:
-        return self._is_alive(step) and not any(self.working_under(step))
+        """Whether nobody works for a message that waits for itself. Of a multi-query it is enough
+        that the handler of one copy waits.
+        """
+        runs = [one for one in self.of("run", step.message_id) if one.covers(step)]
+        does_one_wait = len(runs) > 1 and any(any(self._own_waits(one, step)) for one in runs)
+        return self._is_alive(step) and (does_one_wait or not any(self.working_under(step)))
 
     def _watching(self, step: PathStep) -> bool:
         return self._is_alive(step)

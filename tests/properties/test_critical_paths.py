@@ -85,11 +85,35 @@ def sixty_steps(seed: int) -> Steps:
 
 steps_of_lives = steps | st.integers(0, 1 << 32).map(sixty_steps)
 
+ONE_COPY_WAITS = [
+    ("ask all", 0, 0, 0),
+    ("send", 0, 2, 0),
+    ("lock", 2, 1, 0),
+    ("lock", 1, 2, 0),
+    ("send", 0, 0, 0),
+]
+"""One copy of a multi-query is in a deadlock of locks. The handler of the other copy works."""
+
+CYCLE_UNDER_A_SUSPENSION = [
+    ("send", 0, 1, 0),
+    ("delay", 2, 0, 0),
+    ("ask", 2, 1, 0),
+    ("ask", 1, 1, 0),
+    ("return", 1, 0, 0),
+    ("lock", 1, 2, 0),
+    ("suspend", 0, 0, 1),
+    ("send", 0, 0, 0),
+    ("lock", 0, 1, 0),
+]
+"""The handler of a suspended task goes on, and asks for a lock that it waits for in vain."""
+
 
 @example(sixty_steps(752))  # a killed task whose handler continues
 @example(sixty_steps(7511))  # a task killed before its delay is over
 @example(sixty_steps(1789))  # a deadlock of locks
 @example(sixty_steps(1027))  # a multi-query is given up while a copy is queued
+@example(ONE_COPY_WAITS)
+@example(CYCLE_UNDER_A_SUSPENSION)
 @given(steps_of_lives)
 @settings(max_examples=lives(20, soak=3_500))
 def test_critical_path_matches_facts(taken: Steps) -> None:
