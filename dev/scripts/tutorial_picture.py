@@ -63,7 +63,7 @@ def take_picture(address: str, file: Path) -> None:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         page = browser.new_page(viewport=SIZE)  # type: ignore[arg-type]
         page.goto(address)
-        page.get_by_text("go round").first.wait_for(timeout=60_000)
+        page.get_by_text("take detour").first.wait_for(timeout=60_000)
         time.sleep(0.6)  # the second try
         page.screenshot(path=file)
         browser.close()

@@ -221,7 +221,7 @@ class Player:
             "XDG_STATE_HOME": str(folder / "state"),
             "XDG_RUNTIME_DIR": str(folder),
             "BROWSER": "true %s",
-            "COLUMNS": "120",
+            "COLUMNS": "136",
         }
         self.folder.mkdir()
         for earlier in PAGES[: PAGES.index(page)]:
@@ -265,7 +265,7 @@ class Player:
         if not terminal.jobs:
             terminal.has_read += len(terminal.lines())
         words = shlex.split(command)
-        if command == "pkill -9 -f tca.central":
+        if words[0] == "pkill":
             self.kill_central()
         elif command == "kill $(jobs -p)":
             terminal.end_jobs()
@@ -333,5 +333,5 @@ class Player:
         text = text.replace(f"{self.folder.parent}/state", "/home/you/.local/state")
         text = text.replace(f"{self.folder.parent}/tca", "/run/user/1000/tca")
         text = text.replace(f"{self.folder}", "/home/you/robot")
-        text = re.sub(rf"\b{os.uname().nodename}:(?=\d)", "robot:", text)
+        text = re.sub(rf"\b{os.uname().nodename}:(?=\d)", "laptop:", text)
         step.quoted.write_text(text)

@@ -4,17 +4,17 @@ from tca_module import ExceptionHandler, Module, Task
 
 from messages import BLOCKED, DRIVE, Way
 
-GO_ROUND = ExceptionHandler("go round", Way)
+TAKE_DETOUR = ExceptionHandler("take detour", Way)
 recovery = Module("recovery")
 
 
 @recovery.at_start
 def attach(module: Module) -> None:
-    module.on_failure(BLOCKED, GO_ROUND, of=DRIVE, maximum=1)
+    module.on_failure(BLOCKED, TAKE_DETOUR, of=DRIVE, maximum=1)
 
 
-@recovery.handles(GO_ROUND)
-def go_round(task: Task, blocked: Way) -> None:
+@recovery.handles(TAKE_DETOUR)
+def take_detour(task: Task, blocked: Way) -> None:
     task.trouble.failing.retry(DRIVE, Way(blocked.room, "garden"))
 
 
