@@ -1,4 +1,4 @@
-"""The layer for failed grasps: one or two retries, then the cup is left alone for a while."""
+"""The layer for failed grasps: at most two retries, then the cup is left alone for a while."""
 
 from robots.office_sim.messages import (
     COLLECT_CUP,
@@ -34,7 +34,7 @@ def make_module(_: float) -> Module:
 
     @layer.handles(GIVE_UP_CUP)
     def give_up_cup(task: Task) -> None:
-        """Cancel the goal. If the cup stays in view, a later goal collects it."""
+        """Kill the goal. If the cup stays in view, a later goal collects it."""
         goal = task.trouble.attached
         assert goal is not None
         task.inform(LEAVE_ALONE, goal.data(COLLECT_CUP).number)
