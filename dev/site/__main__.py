@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 from dev.site.parts import write_parts
 from dev.site.root import ROOT, SITE
@@ -32,11 +33,22 @@ def build() -> str:
     printed = COLOUR.sub("", done.stdout + done.stderr)
     wrong = [f"{place}: {what}" for what, place in WRONG.findall(printed)]
     wrong += DOCSTRING.findall(printed)
+    wrong += re.findall(r"^\S*Error: .+$", printed, re.MULTILINE)[
+        -1:
+    ]  # a missing file, for example
     if done.returncode and not wrong:
         return printed
     if not wrong:
         leave_out_records()
+        wrong = [
+            f"{page.name} loads {url}" for page in SITE.rglob("*.html") for url in loaded(page)
+        ]
     return "\n".join(wrong)
+
+
+def loaded(page: Path) -> list[str]:
+    """Return what a page of the site loads from other servers. The site works offline."""
+    return re.findall(r'<(?:script|link|img)[^>]* (?:src|href)="(https?:[^"]+)"', page.read_text())
 
 
 def leave_out_records() -> None:
