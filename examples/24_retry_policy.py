@@ -1,4 +1,4 @@
-"""Retry a task that fails, and do something else in the end, without an exception handler."""
+"""Retry a task that fails, then do something else, without an exception handler."""
 
 from tca_module import (
     TIMEOUT,

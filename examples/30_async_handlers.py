@@ -1,4 +1,4 @@
-"""``async def`` handlers: ask several queries at once, and clean up when the task is killed."""
+"""``async def`` handlers: ask queries at the same time, and clean up when the task is killed."""
 
 import asyncio
 import time
@@ -22,7 +22,8 @@ async def survey(task: Task) -> None:
     started = time.monotonic()
     # Three queries of 0.1 s each, at the same time.
     heights = await asyncio.gather(*(task.query_send(HEIGHT, x) for x in range(3)))
-    print("heights:", heights, "in 0.3 s" if time.monotonic() - started > 0.25 else "at once")
+    order = "one by one" if time.monotonic() - started > 0.25 else "at the same time"
+    print("heights:", heights, "asked", order)
     watch = task.command(WATCH)
     await asyncio.sleep(0.1)
     watch.kill("seen enough")

@@ -1,17 +1,29 @@
-"""Update, cancel and kill a drive. The handler stops the motors in each case."""
+"""Cancel and update: a turn that may end at any time, and a drive that decides about requests."""
 
 from tca_module import Command, Module, Task, TaskKilled, connect
 
-DRIVE = Command("drive", str)
+TURN, DRIVE = Command("turn"), Command("drive", str)
 
 wheels = Module("wheels")
 
 
-@wheels.handles(DRIVE, takes=["update", "cancel"])
+@wheels.handles(TURN)  # the simple way: a cancel or a kill ends the sleep
+def turn(task: Task) -> None:
+    print("turn")
+    try:
+        task.sleep(60)  # raises TaskKilled
+    finally:
+        print("motors off")
+
+
+@wheels.handles(DRIVE, takes=["update", "cancel"])  # the handler decides
 def drive(task: Task, place: str) -> None:
     print("drive to the", place)
     try:
-        for request in task.requests():  # waits; raises TaskKilled after a kill
+        while True:  # in steps of 0.1 s
+            request = task.wait_for_request(timeout=0.1)
+            if request is None:
+                continue  # nothing is requested: the next step
             if request.transition == "cancel":
                 print("cancel requested:", request.why)
                 raise task.aborted()
@@ -23,16 +35,16 @@ def drive(task: Task, place: str) -> None:
 
 if __name__ == "__main__":
     with wheels.running(), connect("user") as user:
-        drive_1 = user.command(DRIVE, "kitchen")
-        drive_1.wait_for_state("running", timeout=10)
-        drive_1.update("garden", timeout=10)  # returns when the handler has accepted it
-        drive_1.cancel("it rains")  # returns at once
-        print("outcome:", drive_1.wait(timeout=10))
-
-        drive_2 = user.command(DRIVE, "kitchen")
-        drive_2.wait_for_state("running", timeout=10)
-        drive_2.kill("a person is in the way")
+        turning = user.command(TURN)
+        turning.wait_for_state("running", timeout=10)
+        turning.cancel("a person is in the way")
         try:
-            drive_2.result(timeout=10)
+            turning.result(timeout=10)
         except TaskKilled as error:
             print(error)
+
+        driving = user.command(DRIVE, "kitchen")
+        driving.wait_for_state("running", timeout=10)
+        driving.update("garden", timeout=10)  # returns when the handler has accepted it
+        driving.cancel("it rains")  # returns at once
+        print("outcome:", driving.wait(timeout=10))

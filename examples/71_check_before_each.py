@@ -5,7 +5,7 @@ from tca_module import Command, Condition, Failure, Module, Task, TaskFailed
 MOVE, CHECK = Command("move", float), Command("check", float)
 UNSTABLE = Failure("unstable", float)
 
-legs, safety = Module("legs", requires=[CHECK]), Module("safety")
+legs, safety = Module("legs"), Module("safety")
 
 
 @legs.handles(MOVE)
