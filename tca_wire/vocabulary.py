@@ -156,8 +156,9 @@ class Condition(StrEnum):
     """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c).
 
     *Before* holds the start of the tapped task's interval until the same interval of the listener
-    has ended. *When planned* and *when achieved* hold the end of the tapped task's interval. The
-    other conditions hold no moment.
+    has ended. *When planned* and *when achieved* hold the end of the tapped task's interval. *When
+    success* and *when failure* hold the end of the task, because their listener is its child. The
+    other conditions hold nothing.
     """
 
     WHEN_SENT = "when sent"

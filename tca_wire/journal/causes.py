@@ -33,14 +33,14 @@ class TimeOver(_Cause, frozen=True, tag="time"):
 
 
 class ConnectionLost(_Cause, frozen=True, tag="lost"):
-    """A connection of a module broke."""
+    """A module's connection broke."""
 
     module: str
     connection: int
 
 
 class Administrator(_Cause, frozen=True, tag="keeper"):
-    """The operator of central restarted it or changed keys."""
+    """The operator of central, its *keeper*, restarted it or changed keys."""
 
 
 Cause = Request | TimeOver | ConnectionLost | Administrator

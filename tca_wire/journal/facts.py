@@ -96,7 +96,7 @@ class Recalling(BaseFact, frozen=True, tag="recalling"):
 
 
 class FormatDefined(BaseFact, frozen=True, tag="format"):
-    """The first declaration of a message (formats as JSON Schema)."""
+    """The first declaration of a message. *data* and *reply* are formats, as JSON Schema."""
 
     message: str
     message_class: MessageClass
@@ -163,7 +163,7 @@ class Received(NumberedFact, frozen=True, tag="received"):
 
 
 class Queued(NumberedFact, frozen=True, tag="queued"):
-    """A delivery of message *message_id* waits for a busy resource, or ("") for any handler."""
+    """A delivery of message *message_id* waits for a busy *resource*, or ("") for any handler."""
 
     message_id: int
     module: str
@@ -269,7 +269,7 @@ class TimedOut(BaseFact, frozen=True, tag="timed out"):
 
 
 class Reached(TaskFact, frozen=True, tag="reached"):
-    """A task reached moments (a bit mask, see points.Moment)."""
+    """A task reached *moments*: the sum of their numbers."""
 
     moments: int
 
@@ -323,7 +323,7 @@ class StateChanged(TaskFact, frozen=True, tag="state"):
     """A transition of a task's life cycle that no other fact implies.
 
     A retry and the task's end imply transitions, and so does a delivery, unless the handler itself
-    accepts tasks (``HandlerAdded.accepts``).
+    accepts tasks (*accepts* of the fact "handler").
     """
 
     transition: str
@@ -347,7 +347,7 @@ class Kept(TaskFact, frozen=True, tag="kept"):
 
 
 class Released(TaskFact, frozen=True, tag="released"):
-    """A module no longer retains a task; or ("") its record is removed."""
+    """*module* no longer retains a task; or ("") its record is removed."""
 
     module: str
 
@@ -393,7 +393,7 @@ class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
 class Failed(NumberedFact, frozen=True, tag="failed"):
     """A failure was raised on a task or message, or on one receiver's copy of message *copy_of*.
 
-    If the module was lost, no ``Returned`` follows: this fact ends the handling.
+    If the module was lost, no fact "returned" follows: this fact ends the handling.
 
     If *is_beside*, the handler did not raise the failure, and continues. Then *by* is the module
     that raised the failure, or "central", and *body* is the failure's data.
@@ -456,14 +456,14 @@ class NotResolved(BaseFact, frozen=True, tag="not resolved"):
 
 
 class Unhandled(TaskFact, frozen=True, tag="unhandled"):
-    """A failure has no exception handler: the top-level task above it is killed."""
+    """No exception handler dealt with a failure: the top-level task above it fails."""
 
     undecided: TaskId = ROOT
-    """The exception handler that this failure has kept from deciding; it is killed (0: none)."""
+    """The exception handler that failed and so decided nothing; it is killed (0: none)."""
 
 
 class Recovered(TaskFact, frozen=True, tag="recovered"):
-    """*handler* has dealt with the failure of a task; the task counts as handled."""
+    """*handler* has dealt with the failure of a task: the task counts as handled."""
 
     handler: TaskId = ROOT
 

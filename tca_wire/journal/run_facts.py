@@ -14,7 +14,7 @@ class Opened(BaseFact, frozen=True, tag="opened"):
 
 
 class Shortened(BaseFact, frozen=True, tag="shortened"):
-    """The facts about tasks and messages that had ended by *until* were removed."""
+    """Facts about tasks and messages that had ended before the time *until* were removed."""
 
     until: float
 
@@ -26,7 +26,7 @@ class Closed(BaseFact, frozen=True, tag="closed"):
 
 
 class CentralFailed(BaseFact, frozen=True, tag="broke"):
-    """Central ended by an internal error. If the run continues, ``CentralRestarted`` follows."""
+    """Central ended by an internal error. If the run continues, the fact "restarted" follows."""
 
     why: str
 
