@@ -5,11 +5,13 @@ A MisuseError names the call, the value and the remedy.
 
 import contextlib
 import inspect
+import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, _GeneratorContextManager
 from difflib import get_close_matches
 from functools import cache, wraps
+from textwrap import dedent, indent
 from types import UnionType
 from typing import (
     TYPE_CHECKING,
@@ -294,7 +296,30 @@ def with_options(function: F) -> F:
                 inspect.Parameter(name, last.KEYWORD_ONLY, default=default, annotation=kind)
             )
         function.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        _describe_options(function, options[0])
     return function
+
+
+def _describe_options(function: Callable[..., Any], options: type) -> None:
+    """Replace "options: see ..." in a docstring by the options, as the TypedDict describes them.
+
+    A TypedDict without Args names the one that has them: "See ``MonitorOptions``".
+    """
+    text = options.__doc__ or ""
+    if named := re.search(r"See ``(\w+)``", text):
+        text = function.__globals__[named[1]].__doc__ or ""
+    listed = dedent(text.partition("Args:\n")[2].rstrip()) + "\n"
+    entries = [
+        found[0]
+        for found in re.finditer(r"^(\w+): .*\n(?: +.*\n)*", listed, re.MULTILINE)
+        if found[1] in options.__annotations__
+    ]
+    function.__doc__ = re.sub(
+        r"^( +)options: .*\n(?:\1 +.*\n)*",
+        lambda found: indent("".join(entries), found[1]),
+        function.__doc__ or "",
+        flags=re.MULTILINE,
+    )
 
 
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:

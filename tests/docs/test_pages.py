@@ -70,3 +70,15 @@ def test_examples_quoted_by_pages_are_the_examples() -> None:
     quoted = {found["file"] for found in QUOTE.finditer(texts)}
     examples = {path.name for path in (ROOT / "examples").glob("*.py")}
     assert {name for name in examples if name not in quoted and name not in texts} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_tables_of_a_page_are_apart(page: Path) -> None:
+    """Two tables without an empty line between them become one."""
+    tables = re.findall(r"(?:^\|.*\n)+", page.read_text(), re.MULTILINE)
+    assert [one for one in tables if len(re.findall(r"^\|[-|: ]+\|$", one, re.MULTILINE)) > 1] == []
+
+
+def test_navigation_has_all_pages() -> None:
+    named = set(re.findall(r'"([\w/-]+\.md)"', (ROOT / "zensical.toml").read_text()))
+    assert named == {str(page.relative_to(ROOT / "docs")) for page in PAGES[1:]}

@@ -4,6 +4,7 @@ import ast
 import importlib
 import inspect
 import re
+from collections.abc import Callable
 from operator import attrgetter
 from types import ModuleType
 
@@ -302,3 +303,15 @@ def name_of(call: ast.Call) -> str:
     if isinstance(call.func, ast.Attribute):
         return call.func.attr
     return call.func.id if isinstance(call.func, ast.Name) else ""
+
+
+@pytest.mark.parametrize("call", [Client.goal, Client.monitor, Client.tap, Module.handles])
+def test_help_describes_each_option(call: Callable[..., object]) -> None:
+    options = [
+        name
+        for name, one in inspect.signature(call).parameters.items()
+        if one.kind is one.KEYWORD_ONLY
+    ]
+    described = inspect.getdoc(call) or ""
+    assert [name for name in options if f"\n    {name}: " not in described] == []
+    assert "see ``" not in described.partition("Returns:")[0]

@@ -4,8 +4,10 @@ The quick suite leaves this to ``make lint``, which builds the site, too.
 """
 
 import json
+import shutil
 
 import pytest
+from playwright.sync_api import sync_playwright
 
 from dev.site import __main__ as docs
 from dev.site.root import SITE
@@ -27,3 +29,20 @@ def test_search_of_the_site_leaves_out_records(built: str) -> None:
     assert "index.html" in found
     assert not [place for place in found if place.startswith(docs.RECORDS)]
     assert (SITE / "decisions").is_dir()
+
+
+@pytest.mark.usefixtures("built")
+def test_search_works_from_a_folder() -> None:
+    """The page may load nothing from a server."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium here: install the package 'chromium'")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        context = browser.new_context(offline=True)
+        page = context.new_page()
+        page.goto((SITE / "index.html").as_uri())
+        page.locator(".md-search__button").first.click()
+        page.get_by_placeholder("Search").press_sequentially("deadline")
+        page.get_by_text("Set a deadline").first.wait_for()
+        browser.close()
