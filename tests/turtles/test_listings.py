@@ -133,7 +133,7 @@ def test_counterpart_has_a_test(row: Row) -> None:
     assert "`" in row.test or row.here == 0
 
 
-NAMES = re.findall(r"^\|[^|]*\| (.*) \|$", PAGE.partition("## The paper's names")[2], re.MULTILINE)
+NAMES = re.findall(r"^\|[^|]*\|(.*)\|$", PAGE.partition("## The paper's names")[2], re.MULTILINE)
 OURS = sorted({name for row in NAMES for name in re.findall(r"`([A-Za-z_.]+)`", row)})
 
 
