@@ -24,7 +24,7 @@ CELLS = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)] for row in ROWS]
 THEIRS = {
     "$TCA_CENTRAL", "--bind", "--stop", "--stop --keep", "IPC_", "-c", "-t", "SEQ_ACH", "TCM_", "async def", "bytes", "fail", "module lost",
     "raise COLLISION(height)", "release()", r"reply=Pose \| None", "tca", "tca_module", "timeout", "unlock", "with",
-    "x_ipc", "takes=[\"cancel_goal\"]", "LocalCentral", "tca_behaviours.missions", "tca_behaviours.missions.charts", "tca_central", "tca_daemon", "{int, [double:3]}",
+    "x_ipc", 'takes=["cancel_goal"]', "LocalCentral", "tca_behaviours.missions", "tca_behaviours.missions.charts", "tca_central", "tca_daemon", "{int, [double:3]}",
 }  # fmt: skip
 """Words of TCA and TCM, of Python and command lines, and parts of names that are given in full
 nearby.
