@@ -311,7 +311,7 @@ class Player:
                 terminal.skip(found, all_numbers=self.all_numbers)
                 return
             if time.monotonic() > end:
-                assert lines == expected, f"{self.page.name}, {step.terminal}: {step.command}"
+                assert lines == expected, (self.page.name, step.terminal, step.command, lines)
             time.sleep(0.02)
 
     def write_anew(self, terminal: Terminal, step: Step) -> None:

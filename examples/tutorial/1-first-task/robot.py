@@ -30,6 +30,5 @@ def pour(task: Task, litres: float) -> None:
 if __name__ == "__main__":
     with robot.running():
         watering = robot.goal(WATER, "fern")
-        print("sent:", watering)
         watering.result()
-        print("the fern is watered")
+        print("done:", watering)
