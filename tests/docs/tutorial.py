@@ -41,6 +41,7 @@ NOISE = {
     r"\d+(\.\d+)?( ms\b| s\b)": "SECONDS",
     r"\d+\.\d+(-(\d+\.\d+)?)?": "SECONDS",
     r"^(\S.*?) +[█▒░] ?.*": r"\1",
+    r"(?<=SECONDS) \(still running\)": "",  # unless the chart ends before the present
     r"^ .*[█▒░╵].*|^ +SECONDS.*|^( +\d+ s)+$": "",
     r"\.+ +\[100%\]": "PASSED",
     r"(?<=\S) {2,}": " ",
