@@ -13,6 +13,8 @@ from pathlib import Path
 from dev.site.parts import write_parts
 from dev.site.root import ROOT, SITE
 
+STOPPED = re.compile(r"^\S*Error: .+$", re.MULTILINE)
+"""The last line of a traceback: a quoted file is missing, for example."""
 RECORDS = "decisions/"
 COLOUR = re.compile(r"\x1b\[[\d;]*m")
 WRONG = re.compile(r"(?:Warning|Error): (.+)\n.*\[ (\S+:\d+)", re.IGNORECASE)
@@ -33,9 +35,7 @@ def build() -> str:
     printed = COLOUR.sub("", done.stdout + done.stderr)
     wrong = [f"{place}: {what}" for what, place in WRONG.findall(printed)]
     wrong += DOCSTRING.findall(printed)
-    wrong += re.findall(r"^\S*Error: .+$", printed, re.MULTILINE)[
-        -1:
-    ]  # a missing file, for example
+    wrong += STOPPED.findall(printed)[-1:]
     if done.returncode and not wrong:
         return printed
     if not wrong:

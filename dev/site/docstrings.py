@@ -1,6 +1,4 @@
-"""The reader of docstrings for the site: an extension of griffe, which pages name.
-
-mkdocstrings reads a package once, so the first directive of each page names it.
+"""The reader of docstrings for the site: an extension of griffe, which ``zensical.toml`` names.
 
 - ``Example::`` and other blocks after ``::`` become blocks of Python.
 - ``**options: Unpack[TaskOptions]`` becomes the options themselves, with kinds and defaults from

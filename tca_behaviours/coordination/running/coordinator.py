@@ -216,6 +216,6 @@ class Coordinator:
     def _watch_variable(self, module: Module, variable: Variable[Any], resource: str) -> None:
         def on_value(_: Task, __: Any) -> None:
             if (run := self._run) is not None:
-                run.enqueue_variable(variable)
+                run.note_change(variable)
 
         module.handles(variable, resource=resource)(on_value)

@@ -49,6 +49,8 @@ class CoordinationRun:
         self._inbox = deque[Callable[[], object]]()
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}
+        self._changed = set[Variable[Any]]()
+        """The variables that have changed since they were read."""
         self._mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
         self._at_work = ActivitiesAtWork(
             machine.facts, task, failures, patience, self._inbox.append, self._mistakes
@@ -78,9 +80,10 @@ class CoordinationRun:
         """Enqueue an event. Thread-safe."""
         self._enqueue(lambda: self._events.append(event))
 
-    def enqueue_variable(self, variable: Variable[Any]) -> None:
-        """Enqueue a change of a variable. Thread-safe."""
-        self._enqueue(lambda: self._read(variable))
+    def note_change(self, variable: Variable[Any]) -> None:
+        """Note a change of a variable. Thread-safe."""
+        self._changed.add(variable)
+        self._task.wake()
 
     def _read(self, *variables: Variable[Any]) -> None:
         """Read the newest values from central. A value that arrives here may be older than that."""
@@ -118,10 +121,12 @@ class CoordinationRun:
             due = min((time for time in times if time is not None), default=None)
             timeout = None if due is None else max(0.0, due - self._task.time())
             running = self._at_work.running_tasks
-            self._task.wait_until(lambda: bool(self._inbox), timeout, on=running)
+            self._task.wait_until(lambda: bool(self._inbox or self._changed), timeout, on=running)
         self._failed_since_event.clear()
         while self._inbox:
             self._inbox.popleft()()
+        while self._changed:
+            self._read(self._changed.pop())
         self._at_work.kill_late()
 
     # --- transitions and activities ---------------------------------------------------------------
