@@ -1,6 +1,7 @@
 """The robot as it runs: five processes and a central."""
 
 import threading
+import time
 from pathlib import Path
 
 from courier.messages import DELIVER, DRIVE, Parcel, Trip
@@ -27,7 +28,9 @@ def test_delivery_survives_a_restart_of_the_arm(tca_daemon: DaemonOfTest) -> Non
         user.wait_until_handled(DELIVER, timeout=30)
         delivery = user.goal(DELIVER, PARCEL)
         drive.wait_for_calls(1, timeout=30)
-        tca_daemon.programs.kill_and_restart("arm")
+        new_arm = tca_daemon.programs.kill_and_restart("arm")
+        while not any(one.process.endswith(f":{new_arm}") for one in user.modules()):
+            time.sleep(0.02)  # until central knows that the old arm is gone
         arm_is_back.set()
         assert delivery.wait(timeout=30) is Outcome.DONE
     assert drive.calls == ["kitchen", "store"]
