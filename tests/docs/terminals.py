@@ -202,6 +202,7 @@ class Player:
                     path.write_text(step.text)
                 else:
                     self.take(step)
+            self.settle()
             for terminal in self.terminals.values():
                 if terminal.foreground is not None and terminal.foreground.poll() is not None:
                     self.check_rest(terminal)
@@ -244,7 +245,10 @@ class Player:
         assert not terminal.is_compared or more == [], (terminal.log.stem, more)
 
     def settle(self) -> None:
-        """Wait until all programs wait: for a message, for some time, or for the user."""
+        """Wait until all programs wait: for a message, for some time, or for the user.
+
+        Without ``/proc``, this is only a short pause.
+        """
         end = time.monotonic() + SOON
         calm = 0
         while calm < CALM:
