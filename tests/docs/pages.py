@@ -13,7 +13,9 @@ PAGES = [
 ]
 QUOTE = re.compile(r'--8<-- "(?P<file>[^":]+)(?::\w+)?"')
 BLOCK = re.compile(
-    r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^ *```$", re.MULTILINE | re.DOTALL
+    r'^(?P<indent> *)```(?P<language>\w*)(?: [^\n]*?title="(?P<title>[^"]+)")?[^\n]*\n'
+    r"(?P<text>.*?)^ *```$",
+    re.MULTILINE | re.DOTALL,
 )
 
 
@@ -24,6 +26,7 @@ class Block(NamedTuple):
     line: int
     language: str
     text: str
+    title: str
 
     @property
     def where(self) -> str:
@@ -41,7 +44,7 @@ def blocks(page: Path) -> Iterator[Block]:
     for found in BLOCK.finditer(text):
         line = text[: found.start()].count("\n") + 1
         lines = [one.removeprefix(found["indent"]) for one in found["text"].splitlines()]
-        yield Block(page, line, found["language"], "\n".join(lines) + "\n")
+        yield Block(page, line, found["language"], "\n".join(lines) + "\n", found["title"] or "")
 
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]

@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from docs.pages import ROOT
+from docs.pages import ROOT, blocks
+from docs.steps import steps_of
 
-from docs.tutorial import PAGES, Player
+from docs.tutorial import PAGES, TutorialPlayer, save_files
 
 pytestmark = pytest.mark.slow
 
@@ -20,13 +21,13 @@ def _no_central_of_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_page_of_the_tutorial_works_as_printed(page: Path, tmp_path: Path, rewrite: bool) -> None:
-    Player(page, tmp_path, rewrite=rewrite).play()
+    TutorialPlayer(page, tmp_path, rewrite=rewrite).play(steps_of(blocks(page)))
 
 
 def test_programs_of_each_page_have_the_right_types(tmp_path: Path) -> None:
     options = ["--config-file=", "--strict", "--follow-imports=silent", "--cache-dir", ".types"]
     for page in PAGES:
-        Player.save(page, tmp_path)
+        save_files(page, tmp_path)
         programs = sorted(path.name for path in tmp_path.glob("*.py"))
         done = subprocess.run(
             [sys.executable, "-m", "mypy", *options, *programs],
