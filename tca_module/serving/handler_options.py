@@ -88,7 +88,6 @@ def checked_format(
         resource,
         options.get("pool") or "",
         options.get("pending") or 0,
-        False,
         options.get("accepts", False),
         sorted(options.get("takes", ())),
         sorted(options.get("refuses", ())),
