@@ -1,4 +1,4 @@
-"""Send images as numpy arrays, directly from module to module. A message has at most 8 MiB."""
+"""Send images as numpy arrays. A message has at most 8 MiB."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ BRIGHTNESS = Query("brightness", Image, reply=float)
 camera, vision = Module("camera"), Module("vision")
 
 
-@camera.handles(LOOK, direct=True)
+@camera.handles(LOOK)
 def look(_: Task, size: int) -> Image:
     return np.full((size, size), 7, dtype=np.uint8)
 
 
-@vision.handles(BRIGHTNESS, direct=True)
+@vision.handles(BRIGHTNESS)
 def brightness(_: Task, image: Image) -> float:
     return float(image.mean())
 
