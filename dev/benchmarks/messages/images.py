@@ -80,6 +80,15 @@ class Audience:
             if (arrival := times[number % _NOTED]) > 0:
                 yield float(arrival) - begin
 
+    def settle(self) -> None:
+        """Wait until no image has arrived for a second, so that the next contestant has quiet."""
+        before, end = -1.0, time.monotonic() + SOON
+        while (now := max(float(times.max()) for times in self._times)) > before:
+            if time.monotonic() > end:
+                return
+            before = now
+            time.sleep(1)
+
     def wait(self, number: int, begin: float, seconds: float = SOON) -> float:
         """Wait until all have seen a frame; return the longest delay."""
         while len(delays := list(self.delays(number, begin))) < len(self.viewers):
@@ -126,8 +135,8 @@ class Showing(Contestant):
     def camera(self, number: int) -> tuple[float | str, ...]:
         """Send *number* images at 30 Hz to three viewers. An image that is overdue is skipped.
 
-        Return the shares of a processor of the broker, the sender and a viewer, the lost images
-        (in per cent), their median delay (ms), and the journal's growth (MB/s).
+        Return the shares of a processor of the broker, the sender and a viewer, the lost and late
+        images (in per cent), the median delay of the others (ms), and the journal's growth (MB/s).
         """
         audience = self._audience(THREE)
         processes = [os.getpid(), *audience.viewers, *([self.broker] if self.broker else [])]
@@ -143,6 +152,7 @@ class Showing(Contestant):
         sender, *others = [seconds / duration * 100 for seconds in used]
         viewers = len(audience.viewers)
         after = self.journal_bytes()
+        audience.settle()
         return (
             others[viewers] if self.broker else "no broker",
             sender,

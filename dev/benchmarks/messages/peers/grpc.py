@@ -21,6 +21,7 @@ from dev.benchmarks.messages.contestant import (
 from dev.benchmarks.messages.images import Frame, Showing, Viewer
 
 LARGE = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1)]
+PATIENT = [*LARGE, ("grpc.max_reconnect_backoff_ms", 200)]
 
 
 def serve(address: str) -> None:
@@ -93,7 +94,7 @@ class Grpc(Showing):
 
     def start_viewer(self, topic: str, path: str) -> int:
         viewer, images = self.children.serve(watch, path), SimpleQueue[bytes | None]()
-        channel = grpc.insecure_channel(f"unix:{path}.sock", options=LARGE)
+        channel = grpc.insecure_channel(f"unix:{path}.sock", options=PATIENT)
         call: Any = channel.stream_unary("/bench/image")
         self.streams.append(call.future(iter(images.get, None), wait_for_ready=True))
         self.channels.append(channel)
