@@ -1,6 +1,6 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
 # lint   format, lint, types, docs                                  bench   what messages cost here
-# check  lint, and tests with coverage                              speed  the same beside others; dev/records/speed.md anew
+# check  lint, and tests with coverage                              speed  the same beside others, and its page
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 # docs   the site of the documents, in build/site
 # pictures  the pictures of the documents, from real runs: a quarter of an hour on a quiet machine
