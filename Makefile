@@ -1,6 +1,6 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
 # lint   format, lint, types, docs                                  bench   what messages cost here
-# check  lint, and tests with coverage
+# check  lint, and tests with coverage                              speed  the same beside others, and its page
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 # docs   the site of the documents, in build/site
 # pictures  the pictures of the documents, from real runs: a quarter of an hour on a quiet machine
@@ -13,7 +13,7 @@ AT_ONCE := -n 3 --dist loadfile
 # two: what is of the soak keeps a core busy each
 IN_PAIRS := -n 2 --dist loadfile
 
-.PHONY: demo test lint check bench soak docs pictures compiled clean
+.PHONY: demo test lint check bench speed soak docs pictures compiled clean
 .DELETE_ON_ERROR:
 
 demo: $(READY)
@@ -34,6 +34,10 @@ check: lint
 
 bench: $(READY)
 	$(BIN)/python -m dev.benchmarks.messages
+
+speed: $(READY)
+	$(BIN)/python -m dev.benchmarks.messages --peers --json dev/records/speed.json
+	$(BIN)/python -m dev.benchmarks.speed_page
 
 soak: $(READY)
 	$(BIN)/python -m pytest -m "" --new-lives $(IN_PAIRS)

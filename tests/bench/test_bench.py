@@ -1,16 +1,28 @@
 """The benchmark works. All cases of our own contestants yield figures, which no test judges."""
 
 import math
+import re
 from pathlib import Path
 
 import msgspec
 import pytest
 from click.testing import CliRunner
 
-from dev.benchmarks.messages.cases import STAGES, TASK_PEERS, Case, Entry, Needs, Stage, chosen
+from dev.benchmarks.messages.cases import (
+    STAGES,
+    TASK_PEERS,
+    Case,
+    Entry,
+    Needs,
+    Stage,
+    chosen,
+    quick_stages,
+)
 from dev.benchmarks.messages.command import bench
-from dev.benchmarks.messages.results import Report
+from dev.benchmarks.messages.results import Report, report_of
 from dev.benchmarks.messages.running import Results, lacking, run
+from dev.benchmarks.messages.table import number
+from dev.benchmarks.speed_page import Aim, write
 
 QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 
@@ -23,11 +35,14 @@ def test_benchmark_reports_figures_and_finite_ratios(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     report = msgspec.json.decode(path.read_bytes(), type=Report)
     assert report.missing == {}
-    assert [(table.stage, table.case) for table in report.tables] == [
-        (stage.title, case.name) for stage in STAGES for case in stage.cases
+    assert [(table.stage, table.case, table.part) for table in report.tables] == [
+        (stage.title, case.name, part)
+        for stage in STAGES
+        for case in stage.cases
+        for part, _ in case.parts
     ]
     for table in report.tables:
-        assert len(table.rows) >= 2, table.case
+        assert len(table.rows) + len(table.unable) >= 2, table.case
         for row in table.rows:
             figures = [row.median, row.best, row.worst, *row.rounds]
             assert all(map(math.isfinite, figures)), row
@@ -52,6 +67,47 @@ def test_uninstalled_contestant_is_left_out_by_name() -> None:
     )
     assert result.missing["Missing"].endswith("not installed: pip install it")
     assert any("Missing is left out" in line for line in lines)
+
+
+def test_contestant_without_a_counterpart_says_why() -> None:
+    entry = Entry("Python", "own.costs", "Started", {"what": "python"})
+    result = run(
+        [Stage("any", (Case("round trip", "round_trip", arguments=(100,)),), (entry,), "")],
+        1,
+        0.001,
+        print,
+    )
+    (table,) = report_of(result, 1, 0.001).tables
+    assert (table.rows, table.unable) == ([], {"Python": "not measured"})
+
+
+@pytest.mark.slow
+def test_page_has_the_figures_of_a_results_file(tmp_path: Path) -> None:
+    camera, round_trip, plain = (
+        "a camera of 6 MB at 30 Hz",
+        "round trip of 6 MB",
+        "ZeroMQ, no broker",
+    )
+    stages = chosen(
+        quick_stages(STAGES),
+        lambda name: name in (camera, round_trip),
+        lambda entry: entry.title in ("zmq.proxy", plain),
+    )
+    report = report_of(run(stages, 2, 0.001, print), 2, 0.001)
+    results = tmp_path / "figures.json"
+    results.write_bytes(msgspec.json.encode(report))
+    write(results, tmp_path)
+    page = (tmp_path / "speed.md").read_text()
+    for table in report.tables:
+        for row in table.rows:
+            assert re.search(f"[|] {row.contestant} [|].* {number(row.median)}[ (]", page), row
+    assert f"| {plain} | no broker |" in page
+    assert round_trip in (tmp_path / "speed-images.svg").read_text()
+    table = next(one for one in report.tables if one.case == round_trip)
+    ratio = number(next(one.ratio for one in table.rows if one.contestant == plain))
+    assert f"at most 1e+09 | {ratio} | yes |" in str(Aim(round_trip, 1e9, plain).row(table))
+    assert f"at most 0 | {ratio} | **no** |" in str(Aim(round_trip, 0, plain).row(table))
+    assert Aim(round_trip, 1).row(table) is None
 
 
 @pytest.mark.soak

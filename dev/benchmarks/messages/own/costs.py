@@ -5,22 +5,22 @@ import resource
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import zmq
 
 from dev.benchmarks.messages.contestant import SOON, Contestant, body_of
 from dev.benchmarks.messages.own.bare import joined, registered
+from dev.benchmarks.messages.own.started import PING, serve
 from dev.benchmarks.messages.own.zeromq import Socket
 from dev.benchmarks.messages.processes import address_in, resident_bytes
-from tca_module import Goal, Inform, Module, Query, Task, connect
+from tca_module import Goal, Inform, connect
 from tca_wire.constraints import Flags
 from tca_wire.packets import codec, headers
 
 MANY = 10_000
 """The limit for connections of one process."""
-WALK, NOTE, PING = Goal("walk", bytes), Inform("note", bytes), Query("ping", bytes, reply=bytes)
+WALK, NOTE = Goal("walk", bytes), Inform("note", bytes)
 
 
 class Memory(Contestant):
@@ -73,7 +73,7 @@ class Memory(Contestant):
                 address_in(self.folder), name, {Inform(f"to {name}", int): name}
             )
 
-    def memory(self, number: int) -> float:
+    def memory(self, number: int) -> tuple[float]:
         """Return the bytes of memory that each of *number* more objects takes."""
         self.children.close()
         for line in (*self.modules, *self.busy, self.line):
@@ -83,7 +83,7 @@ class Memory(Contestant):
         self.ready()
         before, more = resident_bytes(self.central), max(int(number * self.part), 1)
         self.add(more)
-        return (resident_bytes(self.central) - before) / more
+        return ((resident_bytes(self.central) - before) / more,)
 
 
 class Started(Contestant):
@@ -131,22 +131,9 @@ class Started(Contestant):
 
     def _module(self) -> float:
         begin = time.perf_counter()
-        module = self.children.program(
-            sys.executable, "-c", f"from {__name__} import serve; serve({str(self.folder)!r})"
-        )
+        module = self.children.serve(serve, address_in(self.folder))
         self.client.wait_until_handled(PING, timeout=SOON)
         self.client.query(PING, body_of(100))
         took = time.perf_counter() - begin
         self.children.stop_one(module)
         return took
-
-
-def serve(folder: str) -> None:
-    """Run the module that is started."""
-    module = Module("started", address_in(Path(folder)))
-
-    @module.handles(PING)
-    def ping(_: Task, body: bytes) -> bytes:
-        return body
-
-    module.run()

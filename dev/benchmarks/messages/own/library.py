@@ -3,17 +3,18 @@
 import contextlib
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 from dev.benchmarks.messages.contestant import (
     LISTENERS,
     SOON,
-    Contestant,
     body_of,
     check_arrived,
     run_open,
     timed,
 )
+from dev.benchmarks.messages.images import ONE, THREE, Frame, Showing, Viewer
 from dev.benchmarks.messages.processes import address_in, processor_seconds
 from tca_module import Broadcast, Command, Condition, Goal, Inform, Module, Query, Task, connect
 
@@ -26,6 +27,7 @@ HEARD = [Query(f"heard {number}", reply=int) for number in range(LISTENERS)]
 MOVE = Command("move", bytes)
 THREE_MOVES, MANY_MOVES = Goal("three moves", bytes), Goal("many moves", int)
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
+IMAGE, IMAGES = Inform("image", Frame), Broadcast("images", Frame)
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
 TOGETHER = 50
 """The modules of a crowd that share a process."""
@@ -89,6 +91,14 @@ def listen(address: str) -> None:
     run_together(*listeners)
 
 
+def watch(address: str, topic: str, path: str) -> None:
+    """Run a module that is a viewer."""
+    module, viewer = Module(f"viewer {Path(path).name}", address), Viewer(path)
+    message: Any = {ONE: IMAGE, THREE: IMAGES}[topic]
+    module.handles(message)(lambda _, frame: viewer(frame))
+    module.run(patience=SOON)
+
+
 def idle(address: str, first: int, number: int) -> None:
     """Run modules that have nothing to do."""
     modules = [Module(f"idle {first + one}", address) for one in range(number)]
@@ -97,7 +107,7 @@ def idle(address: str, first: int, number: int) -> None:
     run_together(*modules)
 
 
-class Library(Contestant):
+class Library(Showing):
     """Client, central and one module; its listeners have a process of their own."""
 
     def __init__(self, journal: str = "batch", taps: int = 0, crowd: int = 0) -> None:
@@ -108,8 +118,8 @@ class Library(Contestant):
         address = address_in(self.folder)
         options = JOURNALS[self.journal]
         journal = () if self.journal == "off" else ("--journal", str(self.folder / "journal"))
-        self.children.central(self.folder, *options, *journal)
-        self.children.serve(serve, address)
+        self.broker = self.children.central(self.folder, *options, *journal)
+        self.receiver = self.children.serve(serve, address)
         if not self.crowd:
             self.children.serve(listen, address)
         sizes = [
@@ -155,6 +165,21 @@ class Library(Contestant):
         pending = [self.client.query_send(heard) for heard in HEARD]
         check_arrived(number, *(reply.receive() for reply in pending))
 
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, address_in(self.folder), topic, path)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        if topic == ONE:
+            self.client.inform(IMAGE, frame)
+        else:
+            self.client.broadcast(IMAGES, frame)
+
+    def journal_bytes(self) -> int | None:
+        if self.journal == "off":
+            return None
+        files = (self.folder / "journal").rglob("*")
+        return sum(path.stat().st_size for path in files if path.is_file())
+
     def commands(self, number: int) -> list[float]:
         body = body_of(100)
         return timed(number, lambda: self.client.command(MOVE, body, sequential=False).result())
@@ -170,11 +195,11 @@ class Library(Contestant):
     def chain(self, number: int) -> None:
         self.client.goal(MANY_MOVES, number, sequential=False).wait()
 
-    def idle_load(self, number: int) -> float:
+    def idle_load(self, number: int) -> tuple[float]:
         """Return the share of a processor, in per cent, that the idle crowd uses.
 
         It is measured for *number* seconds.
         """
         before = sum(map(processor_seconds, self.idle))
         time.sleep(number)
-        return (sum(map(processor_seconds, self.idle)) - before) / number * 100
+        return ((sum(map(processor_seconds, self.idle)) - before) / number * 100,)

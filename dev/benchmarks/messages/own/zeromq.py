@@ -11,24 +11,26 @@ from dev.benchmarks.messages.contestant import (
     LISTENERS,
     MARK,
     OPEN,
-    Contestant,
     NotThere,
     body_of,
     check_arrived,
     timed,
     until,
 )
+from dev.benchmarks.messages.images import Frame, Showing, Viewer
 
 Socket = zmq.Socket[bytes]
 
 
-def socket(kind: int, *, bind: str = "", connect: str = "") -> Socket:
+def socket(
+    kind: int, *, bind: str = "", connect: str = "", topics: tuple[bytes, ...] = ()
+) -> Socket:
     """Return a socket without limits for its queues."""
     made: Socket = zmq.Context.instance().socket(kind)
     made.setsockopt(zmq.LINGER, 0)
     made.set_hwm(0)
-    if kind == zmq.SUB:
-        made.setsockopt(zmq.SUBSCRIBE, b"")
+    for topic in topics:
+        made.setsockopt(zmq.SUBSCRIBE, topic)
     if bind:
         made.bind(bind)
     else:
@@ -78,7 +80,10 @@ def answer(line: Socket) -> None:
 def listen(folder: Path) -> None:
     """Run the subscribers, which count published messages and report the number."""
     counts = socket(zmq.PUSH, connect=address_of(folder, "counts"))
-    subscribers = {socket(zmq.SUB, connect=address_of(folder, "sub")): 0 for _ in range(LISTENERS)}
+    place = address_of(folder, "sub")
+    subscribers = {
+        socket(zmq.SUB, connect=place, topics=(COUNT, MARK)): 0 for _ in range(LISTENERS)
+    }
     poller = zmq.Poller()
     for subscriber in subscribers:
         poller.register(subscriber, zmq.POLLIN)
@@ -100,7 +105,15 @@ def _read_all(subscriber: Socket, subscribers: dict[Socket, int], counts: Socket
         pass
 
 
-class Proxy(Contestant):
+def watch(folder: Path, topic: str, path: str) -> None:
+    """Run a viewer."""
+    viewer = Viewer(path)
+    line = socket(zmq.SUB, connect=address_of(folder, "sub"), topics=(topic.encode(),))
+    while True:
+        viewer(line.recv_multipart()[1])
+
+
+class Proxy(Showing):
     """Client, proxy and server. Commands are only messages here, without a record."""
 
     def start(self) -> None:
@@ -110,8 +123,8 @@ class Proxy(Contestant):
         self.line = socket(zmq.DEALER, connect=address_of(self.folder, "front"))
 
     def _start_others(self) -> None:
-        self.children.serve(forward, self.folder)
-        self.children.serve(serve_proxy, self.folder)
+        self.broker = self.children.serve(forward, self.folder)
+        self.receiver = self.children.serve(serve_proxy, self.folder)
         self.publisher = socket(zmq.PUB, connect=address_of(self.folder, "pub"))
 
     def ready(self) -> None:
@@ -159,6 +172,12 @@ class Proxy(Contestant):
         self.publisher.send(MARK)
         check_arrived(number, *(int(self.counts.recv()) for _ in range(LISTENERS)))
 
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, self.folder, topic, path)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        self.publisher.send_multipart([topic.encode(), frame.data])
+
     def commands(self, number: int) -> list[float]:
         return self.round_trip(number, 100)
 
@@ -176,5 +195,5 @@ class Brokerless(Proxy):
     """Client and server alone."""
 
     def _start_others(self) -> None:
-        self.children.serve(serve_directly, self.folder)
+        self.receiver = self.children.serve(serve_directly, self.folder)
         self.publisher = socket(zmq.PUB, bind=address_of(self.folder, "sub"))

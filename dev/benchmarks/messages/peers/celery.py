@@ -27,7 +27,8 @@ class Celery(Contestant):
     """Client, Redis, worker."""
 
     def start(self) -> None:
-        address = f"redis+socket://{start_redis(self.children, self.folder)}"
+        self.broker, path = start_redis(self.children, self.folder)
+        address = f"redis+socket://{path}"
         app.conf.update(broker_url=address, result_backend=address)
         worker = (sys.executable, "-m", "celery", "-A", __name__, "worker", "--pool", "solo")
         still = ("--without-gossip", "--without-mingle", "--without-heartbeat")

@@ -5,7 +5,7 @@ import sys
 import distributed
 
 from dev.benchmarks.messages.contestant import SOON, Contestant, body_of, run_open, timed
-from dev.benchmarks.messages.peers.work import move
+from dev.benchmarks.messages.peers.work import WORKER, move
 from dev.benchmarks.messages.processes import free_port
 
 PLAIN = {"pure": False}
@@ -17,12 +17,12 @@ class Dask(Contestant):
     def start(self) -> None:
         address = f"tcp://127.0.0.1:{free_port()}"
         program = (sys.executable, "-m", "distributed.cli.dask_scheduler")
-        self.children.program(
-            *program, "--host", address, "--no-dashboard", "--no-show", cwd=self.folder
+        self.broker = self.children.program(
+            *program, "--host", address, "--no-dashboard", "--no-show", cwd=self.folder, env=WORKER
         )
         worker = (sys.executable, "-m", "distributed.cli.dask_worker", address)
         self.children.program(
-            *worker, "--nthreads", 1, "--no-nanny", "--no-dashboard", cwd=self.folder
+            *worker, "--nthreads", 1, "--no-nanny", "--no-dashboard", cwd=self.folder, env=WORKER
         )
         self.client = distributed.Client(address, timeout=SOON, set_as_default=False)
 

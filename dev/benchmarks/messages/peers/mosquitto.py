@@ -18,6 +18,7 @@ from dev.benchmarks.messages.contestant import (
     timed,
     until,
 )
+from dev.benchmarks.messages.images import Frame, Viewer
 from dev.benchmarks.messages.processes import program_path
 from dev.benchmarks.messages.publishing import Publishing
 
@@ -72,16 +73,23 @@ def listen(path: str) -> None:
     del ears
 
 
+def watch(path: str, topic: str, notes: str) -> None:
+    """Run a viewer."""
+    viewer = Viewer(notes)
+    line = joined(path, topic, lambda _, __, one: viewer(one.payload), own_thread=False)
+    line.loop_forever()
+
+
 class Mosquitto(Publishing):
     """Client, broker, and a server that sends back messages under *pose*, or counts them."""
 
     def start(self) -> None:
-        path = f"{self.folder}/mosquitto.sock"
+        self.path = path = f"{self.folder}/mosquitto.sock"
         configuration = self.folder / "mosquitto.conf"
         configuration.write_text(CONFIGURATION.format(path=path, user=getpass.getuser()))
-        self.children.program(program_path("mosquitto"), "-c", configuration)
+        self.broker = self.children.program(program_path("mosquitto"), "-c", configuration)
         until(lambda: self._connect(path))
-        self.children.serve(serve, path)
+        self.receiver = self.children.serve(serve, path)
         self.children.serve(listen, path)
 
     def _connect(self, path: str) -> None:
@@ -89,6 +97,12 @@ class Mosquitto(Publishing):
 
     def publisher(self, name: str) -> Any:
         return partial(self.line.publish, name)
+
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, self.path, topic, path)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        self.line.publish(topic, frame.tobytes())
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body = body_of(size)

@@ -12,14 +12,17 @@ from dev.benchmarks.messages.contestant import (
     ECHO,
     LISTENERS,
     MARK,
-    Contestant,
     NotThere,
     body_of,
     check_arrived,
     shares,
     until,
 )
+from dev.benchmarks.messages.images import Frame, Showing, Viewer
 from dev.benchmarks.messages.processes import free_port, program_path
+
+LARGE = "max_payload: 8MB"
+"""The most that its makers advise; without it, a message has 1 MB."""
 
 
 def serve(address: str) -> None:
@@ -47,6 +50,20 @@ async def _listen(address: str) -> None:
     await asyncio.Event().wait()
 
 
+def watch(address: str, topic: str, path: str) -> None:
+    """Run a viewer."""
+    asyncio.run(_watch(address, topic, Viewer(path)))
+
+
+async def _watch(address: str, topic: str, viewer: Viewer) -> None:
+    async def handle(message: Any) -> None:
+        viewer(message.data)
+
+    line = await nats.connect(address)
+    await line.subscribe(topic, cb=handle)
+    await asyncio.Event().wait()
+
+
 def _handler() -> Any:
     count = 0
 
@@ -66,17 +83,20 @@ async def _ignore(_: Exception) -> None:
     """Ignore an error that is also raised."""
 
 
-class Nats(Contestant):
+class Nats(Showing):
     """Client, NATS server and our server, over TCP, the only transport."""
 
     def start(self) -> None:
         port = free_port()
-        self.children.program(program_path("nats-server"), "-a", "127.0.0.1", "-p", port)
+        large = self.folder / "nats.conf"
+        large.write_text(LARGE)
+        where = ("-c", large, "-a", "127.0.0.1", "-p", port)
+        self.broker = self.children.program(program_path("nats-server"), *where)
         self.loop = asyncio.new_event_loop()
-        address = f"nats://127.0.0.1:{port}"
-        until(lambda: self._connect(address))
-        self.children.serve(serve, address)
-        self.children.serve(listen, address)
+        self.address = f"nats://127.0.0.1:{port}"
+        until(lambda: self._connect(self.address))
+        self.receiver = self.children.serve(serve, self.address)
+        self.children.serve(listen, self.address)
 
     def _connect(self, address: str) -> None:
         try:
@@ -143,6 +163,16 @@ class Nats(Contestant):
         finally:
             await answers.unsubscribe()
         check_arrived(number, *counts)
+
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, self.address, topic, path)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        self._run(self._show(topic, frame.tobytes()))
+
+    async def _show(self, topic: str, body: bytes) -> None:
+        await self.line.publish(topic, body)
+        await self.line.flush()
 
     def stop(self) -> None:
         if hasattr(self, "line"):

@@ -15,28 +15,28 @@ from dev.benchmarks.messages.contestant import (
     LISTENERS,
     MARK,
     OPEN,
-    Contestant,
     NotThere,
     body_of,
     check_arrived,
     timed,
     until,
 )
+from dev.benchmarks.messages.images import Frame, Showing, Viewer
 from dev.benchmarks.messages.processes import Children, program_path
 
 FOREVER = 0
 
 
-def start_redis(children: Children, folder: Path) -> str:
-    """Start a server that stores nothing on disk; return its socket."""
+def start_redis(children: Children, folder: Path) -> tuple[int, str]:
+    """Start a server that stores nothing on disk; return its process and its socket."""
     path = f"{folder}/redis.sock"
     where = ("--port", 0, "--unixsocket", path, "--dir", folder)
     no_disk = ("--save", "", "--appendonly", "no")
     no_limit = ("--client-output-buffer-limit", "pubsub 0 0 0")
-    children.program(program_path("redis-server"), *where, *no_disk, *no_limit)
+    process = children.program(program_path("redis-server"), *where, *no_disk, *no_limit)
     line = connected(path)
     until(lambda: _check_there(line))
-    return path
+    return process, path
 
 
 def connected(path: str) -> Any:
@@ -88,14 +88,22 @@ def _count(path: str) -> None:
             count += 1
 
 
-class Redis(Contestant):
+def watch(path: str, topic: str, notes: str) -> None:
+    """Run a viewer."""
+    viewer, line = Viewer(notes), connected(path).pubsub(ignore_subscribe_messages=True)
+    line.subscribe(topic)
+    for message in line.listen():
+        viewer(message["data"])
+
+
+class Redis(Showing):
     """Client, server of Redis, our server."""
 
     def start(self) -> None:
-        path = start_redis(self.children, self.folder)
-        self.line = connected(path)
-        self.children.serve(serve, path)
-        self.children.serve(listen, path)
+        self.broker, self.path = start_redis(self.children, self.folder)
+        self.line = connected(self.path)
+        self.receiver = self.children.serve(serve, self.path)
+        self.children.serve(listen, self.path)
 
     def ready(self) -> None:
         super().ready()
@@ -142,3 +150,9 @@ class Redis(Contestant):
         check_arrived(
             number, *(int(self.line.blpop("heard", FOREVER)[1]) for _ in range(LISTENERS))
         )
+
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, self.path, topic, path)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        self.line.publish(topic, frame.data)

@@ -20,6 +20,7 @@ from dev.benchmarks.messages.contestant import (
     timed,
     until,
 )
+from dev.benchmarks.messages.images import ONE, THREE, Frame, Viewer
 from dev.benchmarks.messages.processes import free_port
 from dev.benchmarks.messages.publishing import Publishing
 
@@ -51,6 +52,14 @@ def listen(port: int) -> None:
     threading.Event().wait()
 
 
+def watch(port: int, topic: str, path: str) -> None:
+    """Run a viewer."""
+    one = node(f"viewer {path}", port)
+    one.create_subscription(f"/{topic}", Viewer(path), qos_depth=100_000)
+    one.start()
+    threading.Event().wait()
+
+
 def _count(one: Any, topic: str) -> None:
     count = 0
     counts = one.create_publisher("/counts")
@@ -72,19 +81,19 @@ class RobotBus(Publishing):
     pose, tick = "/pose", "/tick"
 
     def start(self) -> None:
-        port = free_port()
+        self.port = port = free_port()
         place = ("--api-listen", f"127.0.0.1:{port}", "--advertise-host", "127.0.0.1")
-        self.children.program(
+        self.broker = self.children.program(
             sys.executable, "-m", "robot_bus.broker", *place, "--snd-hwm", 0, "--rcv-hwm", 0
         )
         until(lambda: self._join(port))
-        self.children.serve(serve, port)
+        self.receiver = self.children.serve(serve, port)
         self.children.serve(listen, port)
 
     def _join(self, port: int) -> None:
         self.node = node("client", port)
         self.node.create_subscription("/counts", self.counts.put, qos_depth=100_000)
-        names = self.pose, self.tick
+        names = self.pose, self.tick, f"/{ONE}", f"/{THREE}"
         self.publishers = {
             name: self.node.create_publisher(name, qos_depth=100_000) for name in names
         }
@@ -125,6 +134,12 @@ class RobotBus(Publishing):
     def commands_open(self, number: int) -> None:
         body = body_of(100)
         run_open(number, lambda: partial(self.action.send_goal(body).result, SOON))
+
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, self.port, topic, path)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        self.publishers[f"/{topic}"].publish(frame.tobytes())
 
     def stop(self) -> None:
         if hasattr(self, "node"):

@@ -9,7 +9,7 @@ import rq
 
 from dev.benchmarks.messages.contestant import OPEN, SOON, Contestant, body_of, timed
 from dev.benchmarks.messages.peers.redis import connected, start_redis
-from dev.benchmarks.messages.peers.work import move
+from dev.benchmarks.messages.peers.work import WORKER, move
 
 BRIEFLY = 60
 
@@ -18,17 +18,19 @@ class Rq(Contestant):
     """Client, Redis, worker."""
 
     def start(self) -> None:
-        path = start_redis(self.children, self.folder)
+        self.broker, path = start_redis(self.children, self.folder)
         self.queue = rq.Queue(connection=connected(path))
         program = (sys.executable, "-m", "rq.cli", "worker", "--quiet")
         options = ("--worker-class", "rq.SimpleWorker", "--url", f"unix://{path}")
-        self.children.program(*program, *options, cwd=self.folder)
+        self.children.program(*program, *options, cwd=self.folder, env=WORKER)
 
     def ready(self) -> None:
         self.commands(1)
 
     def _wait(self, job: Any) -> None:
-        assert job.latest_result(timeout=int(SOON)) is not None
+        result = job.latest_result(timeout=int(SOON))
+        assert result is not None
+        assert result.type is result.Type.SUCCESSFUL
 
     def commands(self, number: int) -> list[float]:
         body = body_of(100)

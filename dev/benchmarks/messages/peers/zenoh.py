@@ -1,8 +1,11 @@
-"""Zenoh with its Python API: a router, queryables and subscribers over TCP. Puts block."""
+"""Zenoh with its Python API: a router, queryables and subscribers over TCP. Puts block.
+
+Images are put into its shared memory. Zenoh itself does the same with other large messages.
+"""
 
 import json
 import threading
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import zenoh
@@ -16,10 +19,13 @@ from dev.benchmarks.messages.contestant import (
     timed,
     until,
 )
+from dev.benchmarks.messages.images import ONE, SIZE, THREE, Frame, Viewer
 from dev.benchmarks.messages.processes import free_port
 from dev.benchmarks.messages.publishing import Publishing
 
 PATIENT = {"congestion_control": zenoh.CongestionControl.BLOCK}
+SHARED = 256 << 20
+"""The bytes of shared memory for images."""
 
 
 def opened(endpoint: str, mode: str = "client") -> Any:
@@ -56,6 +62,13 @@ def listen(endpoint: str) -> None:
     threading.Event().wait()
 
 
+def watch(endpoint: str, topic: str, path: str) -> None:
+    """Run a viewer."""
+    viewer, session = Viewer(path), opened(endpoint)
+    session.declare_subscriber(topic, lambda sample: viewer(sample.payload.to_bytes()))
+    threading.Event().wait()
+
+
 def _counter(session: Any) -> Any:
     count = 0
     counts = session.declare_publisher("counts", **PATIENT)
@@ -75,15 +88,15 @@ class Zenoh(Publishing):
     """Client, router and server."""
 
     def start(self) -> None:
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
-        self.children.serve(route, endpoint)
+        self.endpoint = endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.broker = self.children.serve(route, endpoint)
         until(lambda: self._open(endpoint))
-        self.children.serve(serve, endpoint)
+        self.receiver = self.children.serve(serve, endpoint)
         self.children.serve(listen, endpoint)
         self.session.declare_subscriber(
             "counts", lambda sample: self.counts.put(sample.payload.to_bytes())
         )
-        names = self.pose, self.tick
+        names = self.pose, self.tick, ONE, THREE
         self.publishers = {name: self.session.declare_publisher(name, **PATIENT) for name in names}
 
     def _open(self, endpoint: str) -> None:
@@ -111,6 +124,19 @@ class Zenoh(Publishing):
         del slots
         body = body_of(100)
         run_open(number, lambda: partial(_first, self.session.get("ping", payload=body)))
+
+    def start_viewer(self, topic: str, path: str) -> int:
+        return self.children.serve(watch, self.endpoint, topic, path)
+
+    @cached_property
+    def _memory(self) -> Any:
+        return zenoh.shm.ShmProvider.default_backend(SHARED)
+
+    def show(self, topic: str, frame: Frame) -> None:
+        wait = zenoh.shm.BlockOn(zenoh.shm.GarbageCollect())
+        buffer = self._memory.alloc(SIZE, wait)
+        buffer[:] = frame.tobytes()
+        self.publishers[topic].put(buffer)
 
     def stop(self) -> None:
         if hasattr(self, "session"):
