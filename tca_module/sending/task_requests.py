@@ -427,12 +427,7 @@ class ReportingTask:
         if data is not None and message.progress.kind is type(None):
             text = f"is declared without progress=, and report() was given {data!r:.60}"
             raise MisuseError(f"{message.title} {text}")
-        try:
-            body = message.progress.encode(data)
-        except BadData as error:
-            what = f"the intermediate results of {message.title}"
-            raise BadData(f"{what} are {message.progress}: {error}") from None
-        server_state.report(body)
+        server_state.report(message.encode_progress(data))
 
     def take(self, transition: str, why: str = "") -> None:
         """Make a server's transition of the task's own life cycle.
