@@ -29,6 +29,7 @@ from tca_wire.endpoint import IS_STARTED_VARIABLE
 from tca_wire.messages.message import Message, with_needed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
+from tca_wire.packets.large import is_large
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
@@ -175,6 +176,7 @@ class Connection(Waits):
             session, epoch = self.session, self.session.epoch
             self._wait_for_room()
             self._catch_up_for(header, epoch)
+            body = self.line.stored(header, body)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
             request = session.send(header, body, what)
@@ -191,7 +193,7 @@ class Connection(Waits):
             if self.session.is_welcome:
                 self._wait_for_room()
             self._catch_up_for(header)
-            request = self.session.send(header, body, what)
+            request = self.session.send(header, self.line.stored(header, body), what)
             self.line.flush(0.0, is_patient=True)
             return request
 
@@ -270,9 +272,13 @@ class Connection(Waits):
         """
         with self.locked():
             self._catch_up_for(header)
+            body = self.line.stored(header, body)
             if not (wants_answer and isinstance(header, headers.Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
-            elif (asked := self.direct.routes.send_query(header, body)) is not None:
+            elif (
+                not is_large(body)
+                and (asked := self.direct.routes.send_query(header, body)) is not None
+            ):
                 self.line.flush(wait_seconds=0)
                 return asked
             else:
@@ -354,7 +360,8 @@ class Connection(Waits):
         """
         with self.locked():
             self._catch_up_for(header)
-            if self.direct.routes.send_inform(header, body):
+            body = self.line.stored(header, body)
+            if not is_large(body) and self.direct.routes.send_inform(header, body):
                 self.line.flush(wait_seconds=0)
                 return
             dropped = self.session.dropped
@@ -367,12 +374,20 @@ class Connection(Waits):
                 )
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
-        """Send the outcome of a handler."""
+        """Send the outcome of a handler. Its large data were stored when they were encoded."""
         with self._lock:
+            body = self.line.large.restore(body)
             if self.direct.reply(header, body):
                 self.session.open_deliveries.remove(header.delivery)
             elif not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
+
+    def stored_reply(self, message: Message[Any, Any], reply: Any) -> bytes:
+        """Encode a reply or result, and store its large data at once: their memory may change.
+
+        Raises BadData or Refused.
+        """
+        return self.line.large.store(message.encode_reply(reply), message.title)
 
     def postpone(self, header: headers.Postpone) -> None:
         """Report that a handler has returned, and replies later."""
@@ -463,6 +478,7 @@ class Connection(Waits):
         with self._lock:
             self.direct.close()
             self.transport.close()
+            self.line.large.close()
 
     @property
     def missing(self) -> int:

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any, get_args, get_origin
 
 import msgspec
@@ -140,8 +141,14 @@ def _description(dtype: Any) -> Any:
 
 
 def _dtype(description: Any) -> Any:
-    numpy: Any = sys.modules["numpy"]
-    return numpy.lib.format.descr_to_dtype(_with_tuples(description))
+    if isinstance(description, str):
+        return _simple_dtype(description)
+    return sys.modules["numpy"].lib.format.descr_to_dtype(_with_tuples(description))
+
+
+@lru_cache(256)
+def _simple_dtype(description: str) -> Any:
+    return sys.modules["numpy"].lib.format.descr_to_dtype(description)
 
 
 def _with_tuples(description: Any) -> Any:

@@ -104,7 +104,7 @@ class OpenedBody(LargeBody):
         return bytes, (bytes(self) if self.content is None else copy_of(self).inline(),)
 
 
-def copy_of(body: OpenedBody) -> LargeData:
+def copy_of(body: bytes) -> LargeData:
     """Return the data of a body, to store them once more. Raises BadData if they are gone."""
     handle, content = _opened(body)
     data = LargeData(handle.data, [content[: handle.size]])
