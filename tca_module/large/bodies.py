@@ -11,7 +11,7 @@ from tca_wire.errors import BadData
 from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, inline
 from tca_wire.packets.headers import Welcome
 from tca_wire.packets.large import MARK
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Limit, Refusal
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -101,6 +101,8 @@ class LargeBodies:
 def _inline(data: LargeData, what: object) -> bytes:
     try:
         return inline(data)
-    except BadData as error:
-        more = "more needs memory that the module shares with central"
-        raise BadData(f"{what} has {error} ({more})") from None
+    except BadData:
+        limit = f"a message holds at most {Limit.BODY:d}"
+        where = "if its module shares no memory with central"
+        text = f"{what} has {data.size} bytes: {limit} {where}; send a reference instead"
+        raise BadData(text) from None
