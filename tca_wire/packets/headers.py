@@ -268,6 +268,13 @@ class Receipt(WireArray, frozen=True, tag=50):
     size: int
 
 
+class UsesStore(WireArray, frozen=True, tag=67):
+    """This module shares memory with central: it has read the key in the folder ``Welcome.store``.
+
+    Until central has this header, it sends the bytes behind each handle.
+    """
+
+
 class Bye(WireArray, frozen=True, tag=12):
     """This connection closes; no delivery fails."""
 
@@ -426,7 +433,7 @@ class EndCentral(Numbered, frozen=True, tag=56):
 
 
 _OfRuns = WaitUntilHandled | GoOn | EndCentral
-_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask
+_OfConnections = Hello | Register | Unregister | Bye | Receipt | UsesStore | Ask
 _OfMessages = Send | Reply | Replies | Fail | Postpone | Recalled | GiveUp | Await | AwaitAny
 _OfTasks = Constrain | AwaitPoint | Kill | Retry | Suspend | Deadline | Inspect | Keep
 _OfStates = ChangeState | Observe
@@ -459,6 +466,11 @@ class Welcome(Numbered, frozen=True, tag=33):
     version: int
     module: str
     epoch: str
+    store: str = ""
+    """The folder of shared memory for large data; "": central has none.
+
+    Its file "key" holds *epoch*, if the module shares memory with central.
+    """
 
 
 class Accepted(Numbered, frozen=True, tag=34):

@@ -85,11 +85,21 @@ def unpack_handle(body: bytes) -> tuple[Handle, memoryview]:
     return handle, rest
 
 
+def damage_of(body: bytes) -> str:
+    """Return why a large body can't be used, or ""."""
+    try:
+        unpack_handle(body)
+    except ProtocolError as error:
+        return str(error)
+    return ""
+
+
 def held_size(body: bytes) -> int:
     """Return the bytes that a body holds in memory, with those of its segment."""
-    if not is_large(body):
+    if body[:1] != MARK:
         return len(body)
     try:
-        return len(body) + unpack_handle(body)[0].size
+        handle, rest = unpack_handle(body)
     except ProtocolError:
         return len(body)
+    return len(body) + handle.size - len(rest)
