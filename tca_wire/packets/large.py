@@ -21,6 +21,9 @@ MARK = b"\xc1"
 ALIGNMENT = 64
 """Parts of a segment begin at a multiple of this many bytes, as numpy and vector units like it."""
 
+DATA_FOLDER, HELD_FOLDER = "data", "held"
+"""Folders beside a journal with copies of segments: data/EPOCH/SEGMENT has those of the journal."""
+
 _SEGMENT = re.compile(r"[0-9a-f]{1,32}/[0-9]{1,18}")
 """A segment's name: the incarnation of the module that made it, and a number."""
 
