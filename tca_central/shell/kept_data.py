@@ -79,7 +79,7 @@ class KeptData:
         """
         if not self._keeps_tasks:
             keep &= ~Keep.TASK
-        if not keep:
+        if not keep or (self._folder_of(keep) / name).exists():
             return False
         if self._pending + size > MOST_PENDING and not keep & Keep.TASK:
             self._warnings.warning(
@@ -97,6 +97,9 @@ class KeptData:
             copies.append(_Copy(name, path, size, keep, time.monotonic() + self._delay))
             self._changed.notify_all()
         return True
+
+    def _folder_of(self, keep: Keep) -> Path:
+        return self._data if keep & Keep.JOURNAL else self._tasks
 
     def flush(self) -> None:
         """With ``always``, wait until tasks' segments are on the disk. Raises CentralError."""
@@ -179,8 +182,7 @@ class KeptData:
         return self._later.popleft() if is_due else None
 
     def _make(self, one: _Copy) -> None:
-        folder = self._data if one.keep & Keep.JOURNAL else self._tasks
-        target = folder / one.name
+        target = self._folder_of(one.keep) / one.name
         try:
             target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             copy(one.path, target, one.size, sync=self._sync is not Sync.NONE)

@@ -31,7 +31,6 @@ class LargeBodies:
     def __init__(self, central: Central, store: Store) -> None:
         self.store = store
         self._central = central
-        self._sharing: set[str] = set()  #: incarnations of modules that share memory
         #: Sent answers, oldest first: the time, the size and the body, which holds its segment.
         self._answers: deque[tuple[float, int, bytes]] = deque()
         self._answer_bytes = 0
@@ -39,11 +38,11 @@ class LargeBodies:
     def note_sharing(self, connection: ConnectionId) -> None:
         """Note that the module of a connection shares memory."""
         if (known := self._central.registry.connections.get(connection)) is not None:
-            self._sharing.add(known.module.incarnation)
+            self.store.add_module(known.module.incarnation)
 
     def _shares(self, connection: ConnectionId) -> bool:
         known = self._central.registry.connections.get(connection)
-        return known is not None and known.module.incarnation in self._sharing
+        return known is not None and self.store.is_shared_with(known.module.incarnation)
 
     # --- in ---------------------------------------------------------------------------------------
 
@@ -110,6 +109,5 @@ class LargeBodies:
         while self._answers and self._answers[0][0] < until:
             self._answer_bytes -= self._answers.popleft()[1]
         modules = self._central.registry.modules
-        self._sharing.intersection_update(modules)
         self.store.settle(modules)
         self.store.sweep(modules)

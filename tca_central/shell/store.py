@@ -9,6 +9,7 @@ import contextlib
 import fcntl
 import logging
 import os
+import re
 import shutil
 import stat
 import time
@@ -27,6 +28,7 @@ ROOT = Path("/dev/shm")  # noqa: S108 - the folder inside is private
 KEY = "key"
 """The file that holds the epoch. A module that can read it shares memory with central."""
 
+_INCARNATION = re.compile(r"[0-9a-f]{1,32}")
 OWN = "0"
 """The folder of segments that central itself makes, in place of an incarnation."""
 
@@ -73,6 +75,8 @@ class Store:
         self._lock = -1
         self._held: dict[str, _Held] = {}  #: by name
         self._ended: list[str] = []  #: names of bodies that have ended
+        #: Incarnations that share memory: each has a folder, which tells the next central.
+        self._sharing: set[str] = set()
         self._orphans: dict[str, float] = {}  #: by name: when to release it
         self._made = 0  #: the number of the newest segment of central itself
         self._kept: KeptData | None = None
@@ -112,6 +116,7 @@ class Store:
             self._keep(name, held.keep)
         if self._kept is not None:
             self._kept.remove_all_but(self._held)
+        self._sharing.update(self._incarnations())
         due = time.monotonic() + ORPHANED
         for incarnation in self._incarnations():
             for file in _names_in(self._folder / incarnation):
@@ -147,6 +152,17 @@ class Store:
         for entry in list(os.scandir(self._folder)):
             if entry.is_dir(follow_symlinks=False):
                 yield entry.name
+
+    def add_module(self, incarnation: str) -> None:
+        """Note that a module shares memory, and make its folder."""
+        if self.folder is not None and _INCARNATION.fullmatch(incarnation):
+            with contextlib.suppress(OSError):
+                (self.folder / incarnation).mkdir(exist_ok=True, mode=0o700)
+                self._sharing.add(incarnation)
+
+    def is_shared_with(self, incarnation: str) -> bool:
+        """Whether a module shares memory."""
+        return incarnation in self._sharing
 
     # --- segments ---------------------------------------------------------------------------------
 
@@ -242,6 +258,7 @@ class Store:
                 self._release(name, modules)
         for incarnation in self._incarnations():
             if incarnation not in modules and incarnation != OWN:
+                self._sharing.discard(incarnation)
                 self._remove_unheld(incarnation)
 
     def _remove_unheld(self, incarnation: str) -> None:
