@@ -1,24 +1,37 @@
 """Large bodies at central's border: modules without shared memory, and answers on their way."""
 
-import time
 from collections import deque
+from typing import NamedTuple
 
 import msgspec
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.store import Store
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Answer, ToModule, Welcome
-from tca_wire.packets.large import MARK, held_size, is_large, unpack_handle
+from tca_wire.packets.large import MARK, LargeBody, held_size, is_large, unpack_handle
 from tca_wire.packets.parts import StateChange
 from tca_wire.vocabulary import Limit
 
-READING_TIME = 5.0
-"""Seconds for which the large data of a sent answer stay: central does not know when it is read."""
-
 _decode_change = msgspec.msgpack.Decoder(StateChange).decode
+
+
+class _Sent(NamedTuple):
+    """An answer whose segment is held until its receiver has opened it."""
+
+    end: int  #: the bytes that the connection has read when it has read this answer
+    size: int
+    body: bytes
+
+
+class _Reader(NamedTuple):
+    """A connection with answers to read."""
+
+    read: int  #: bytes since the first answer
+    sent: deque[_Sent]  #: oldest first
 
 
 class LargeBodies:
@@ -26,14 +39,18 @@ class LargeBodies:
 
     Such a module sends and gets the bytes of a segment behind the handle. The bytes of more than
     Limit.BODY are not sent: the module gets the handle, and reports that it can't read the data.
+
+    Args:
+        central: The core.
+        store: The store of the segments.
+        outboxes: The outboxes of all connections.
     """
 
-    def __init__(self, central: Central, store: Store) -> None:
+    def __init__(self, central: Central, store: Store, outboxes: Outboxes) -> None:
         self.store = store
-        self._central = central
-        #: Sent answers, oldest first: the time, the size and the body, which holds its segment.
-        self._answers: deque[tuple[float, int, bytes]] = deque()
-        self._answer_bytes = 0
+        self._central, self._outboxes = central, outboxes
+        #: The core may forget an answer at once, but its receiver has yet to open the segment.
+        self._readers: dict[ConnectionId, _Reader] = {}
 
     def note_sharing(self, connection: ConnectionId) -> None:
         """Note that the module of a connection shares memory."""
@@ -66,48 +83,61 @@ class LargeBodies:
 
     # --- out --------------------------------------------------------------------------------------
 
-    def outgoing(
-        self, connection: ConnectionId, header: ToModule, body: bytes
-    ) -> tuple[ToModule, bytes]:
-        """Return the header and body to send: Welcome names the store, and bodies may be inline."""
+    def enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+        """Queue a Welcome with the name of the store, or a large body, inline if necessary."""
         if isinstance(header, Welcome):
             folder = self.store.folder
-            return msgspec.structs.replace(header, store=str(folder) if folder else ""), body
-        if not self._shares(connection):
-            return header, self._inline(body)
-        if isinstance(header, Answer):
-            self._hold_answer(body)
-        return header, body
+            header = msgspec.structs.replace(header, store=str(folder) if folder else "")
+        elif not self._shares(connection):
+            body = self._inline(body) if is_large(body) else self._inline_change(body)
+        self._outboxes.add(connection, codec.pack_in_pieces(header, body))
+        if isinstance(header, Answer) and isinstance(body, LargeBody):
+            self._hold(connection, body)
 
     def _inline(self, body: bytes) -> bytes:
         """Return a body with its bytes behind its handle, if they are there and not too many."""
-        if is_large(body):
-            handle, _ = unpack_handle(body)
-            if not handle.segment or len(body) + handle.size > Limit.BODY:
-                return body
-            try:
-                return self.store.read(handle)
-            except OSError:
-                return body  # its receiver reports that the data are lost
+        if not is_large(body):
+            return body
+        handle, _ = unpack_handle(body)
+        if not handle.segment or len(body) + handle.size > Limit.BODY:
+            return body
+        try:
+            return self.store.read(handle)
+        except OSError:
+            return body  # its receiver reports that the data are lost
+
+    def _inline_change(self, body: bytes) -> bytes:
+        """Return a change of a task's state with its data inline."""
         change = _decode_change(body)
         goal, data = self._inline(change.goal), self._inline(change.data)
-        return codec.encode(msgspec.structs.replace(change, goal=goal, data=data))
+        changed = codec.encode(msgspec.structs.replace(change, goal=goal, data=data))
+        return changed if len(changed) <= Limit.BODY else body
 
-    def _hold_answer(self, body: bytes) -> None:
-        """Hold the segment of an answer for a while: central may forget the answer at once."""
-        owner = getattr(body, "owner", None)
-        bodies = (owner.goal, owner.data) if isinstance(owner, StateChange) else (body,)
-        size = sum(map(held_size, bodies))
-        self._answers.append((time.monotonic(), size, body))
-        self._answer_bytes += size
-        while len(self._answers) > 1 and self._answer_bytes > self._central.budget.unread:
-            self._answer_bytes -= self._answers.popleft()[1]
+    def _hold(self, connection: ConnectionId, body: LargeBody) -> None:
+        """Hold the segment of an answer until its receipt, or until too much is held."""
+        bodies = (body.owner.goal, body.owner.data) if isinstance(body.owner, StateChange) else ()
+        size = sum(map(held_size, bodies or (body,)))
+        reader = self._readers.setdefault(connection, _Reader(0, deque()))
+        end = reader.read + self._outboxes.ahead(connection)
+        reader.sent.append(_Sent(end, size, body))
+        while sum(one.size for one in reader.sent) > self._central.budget.unread:
+            reader.sent.popleft()
+
+    def credit(self, connection: ConnectionId, size: int) -> None:
+        """Release the answers that a connection has read, with *size* more bytes."""
+        if (reader := self._readers.get(connection)) is None:
+            return
+        read = reader.read + max(size, 0)
+        while reader.sent and reader.sent[0].end <= read:
+            reader.sent.popleft()
+        self._readers[connection] = reader._replace(read=read)
+        if not reader.sent:
+            del self._readers[connection]
 
     def sweep(self) -> None:
         """Release what is not needed any more. Called once a second."""
-        until = time.monotonic() - READING_TIME
-        while self._answers and self._answers[0][0] < until:
-            self._answer_bytes -= self._answers.popleft()[1]
-        modules = self._central.registry.modules
+        modules, connections = self._central.registry.modules, self._central.registry.connections
+        for gone in [one for one in self._readers if one not in connections]:
+            del self._readers[gone]
         self.store.settle(modules)
         self.store.sweep(modules)

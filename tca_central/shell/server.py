@@ -125,7 +125,6 @@ class Daemon:
         task_depth: int = TASK_DEPTH,
         store: Store | None = None,
     ) -> None:
-        self._large_bodies = LargeBodies(central, store or Store())
         self._limits = memory, tap_depth, task_depth
         self.central = central
         self.log: RunLog | None = None
@@ -136,6 +135,7 @@ class Daemon:
         self._is_kept = False  #: whether ``stop`` was called, and keeps the run
         self._started_at = time.monotonic() - central.clock.now
         self._outboxes = Outboxes(self._send)
+        self._large_bodies = LargeBodies(central, store or Store(), self._outboxes)
         self._too_slow: dict[ConnectionId, str] = {}  #: connections that will be cut, and why
         self._lines = LogLines(log, central, lambda fact: self.stop(fact.by, keep=fact.keep))
         self._next_pulse, self._next_beat = PULSE_PERIOD, BEAT_PERIOD
@@ -243,6 +243,7 @@ class Daemon:
             self._large_bodies.note_sharing(connection)
         else:
             self._outboxes.credit(connection, header.size)
+            self._large_bodies.credit(connection, header.size)
 
     def _internal_error(self, event: Event, error: Exception, index: int) -> CentralError:
         """Return the error with which central ends after an error of its own (decision 52).
@@ -523,7 +524,8 @@ class Daemon:
         if self.central.restart_pause.awaited and connection.startswith(AWAY):
             return  # a connection that returns gets its messages again
         if type(body) is not bytes or type(header) is headers.Welcome:
-            header, body = self._large_bodies.outgoing(connection, header, body)
+            self._large_bodies.enqueue(connection, header, body)
+            return
         self._outboxes.add(connection, codec.pack_in_pieces(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:

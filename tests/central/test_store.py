@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from tca_central.core import Central
@@ -13,10 +14,12 @@ from tca_central.events import Arrived, ConnectionId
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode
 from tca_central.inputs import events_of
+from tca_central.model.observers import encode_change
 from tca_central.shell import kept_data, store
 from tca_central.shell.kept_data import KeptData
 from tca_central.shell.large_bodies import LargeBodies
 from tca_central.shell.log_writer import Sync
+from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.store import Store, StoredBody
 from tca_wire.packets import codec
 from tca_wire.packets.headers import (
@@ -27,11 +30,13 @@ from tca_wire.packets.headers import (
     Reply,
     Send,
     SetVariable,
+    ToModule,
     Welcome,
 )
 from tca_wire.packets.large import Handle, Keep, held_size, pack_handle, unpack_handle
-from tca_wire.packets.parts import HandlerFormat, MessageFormat
-from tca_wire.vocabulary import MessageClass
+from tca_wire.packets.parts import HandlerFormat, MessageFormat, StateChange
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Party
 
 SOON = 20.0
 DATA = bytes(range(256)) * 400
@@ -273,7 +278,22 @@ def test_segments_that_no_state_needs_are_released_later(
 def border(shared: Shared) -> LargeBodies:
     run = Run(shared)
     run.join()
-    return LargeBodies(run.central, shared.store)
+    return LargeBodies(run.central, shared.store, Outboxes(lambda *_: False))
+
+
+def outgoing(border: LargeBodies, header: ToModule, body: bytes = b"") -> tuple[ToModule, bytes]:
+    """Return the next message that leaves central."""
+    packets = list[bytes]()
+
+    def send(_: ConnectionId, packet: bytes) -> bool:
+        packets.append(packet)
+        return True
+
+    border._outboxes._send = send
+    border.enqueue(LINE, header, body)
+    border._outboxes.send_all()
+    (item,) = codec.unpack_to_module(packets[0])
+    return item
 
 
 def inline(data: bytes = DATA) -> bytes:
@@ -289,8 +309,7 @@ def test_inline_bytes_move_to_a_segment_and_back(shared: Shared, border: LargeBo
     assert shared.files() == [f"{name}.new"]
     stored = shared.store.adopt(body)
     assert (shared.folder / name).read_bytes() == DATA
-    sent = border.outgoing(LINE, Answer(1), stored)
-    assert sent == (Answer(1), inline())
+    assert outgoing(border, Answer(1), stored) == (Answer(1), inline())
     del stored
     assert shared.files() == []
 
@@ -312,33 +331,63 @@ def test_handle_stays_where_its_bytes_can_not_be_sent(shared: Shared, border: La
     too_large = shared.store.adopt(shared.write("a1/1", bytes(8 << 20)))
     missing = shared.store.adopt(handle("a1/2"))
     for body in (too_large, missing):
-        assert border.outgoing(LINE, Answer(1), body) == (Answer(1), body)
+        assert outgoing(border, Answer(1), body) == (Answer(1), body)
 
 
 def test_welcome_names_the_folder(shared: Shared, border: LargeBodies) -> None:
     welcome = Welcome(1, PROTOCOL_VERSION, "eyes", "run")
-    header, _ = border.outgoing(LINE, welcome, b"")
+    header, _ = outgoing(border, welcome)
     assert isinstance(header, Welcome)
     assert header.store == str(shared.folder)
 
 
-def test_sent_answers_hold_their_segments_for_a_while(
-    shared: Shared, border: LargeBodies, monkeypatch: pytest.MonkeyPatch
+def test_answers_hold_their_segments_until_they_are_read(
+    shared: Shared, border: LargeBodies
 ) -> None:
     border.note_sharing(LINE)
-    for number in (1, 2):
+    sizes: list[int] = []
+    for number in (1, 2, 3):
         body = shared.store.adopt(shared.write(f"a1/{number}"))
-        assert border.outgoing(LINE, Answer(1), body) == (Answer(1), handle(f"a1/{number}"))
+        assert outgoing(border, Answer(1), body) == (Answer(1), handle(f"a1/{number}"))
+        sizes.append(border._outboxes.ahead(LINE) - sum(sizes))
         del body
-    assert shared.files() == ["a1/1", "a1/2"]
-    border._central.budget.unread = len(DATA)
-    body = shared.store.adopt(shared.write("a1/3"))
-    border.outgoing(LINE, Answer(1), body)
-    del body
+    assert shared.files() == ["a1/1", "a1/2", "a1/3"]
+    border.credit(LINE, sizes[0] + sizes[1] - 1)
+    assert shared.files() == ["a1/1.free", "a1/2", "a1/3"]
+    border.credit(LINE, 1)
     assert shared.files() == ["a1/1.free", "a1/2.free", "a1/3"]
-    monkeypatch.setattr("tca_central.shell.large_bodies.READING_TIME", -1.0)
+    del border._central.registry.connections[LINE]
     border.sweep()
     assert shared.files() == ["a1/1.free", "a1/2.free", "a1/3.free"]
+
+
+def test_slow_reader_holds_a_limited_number_of_segments(
+    shared: Shared, border: LargeBodies
+) -> None:
+    border.note_sharing(LINE)
+    border._central.budget.unread = 5 * len(DATA) // 2
+    for number in (1, 2, 3):
+        body = shared.store.adopt(shared.write(f"a1/{number}"))
+        border.enqueue(LINE, Answer(1, more=True), body)
+        del body
+    assert shared.files() == ["a1/1.free", "a1/2", "a1/3"]
+
+
+def test_report_of_a_state_holds_its_segments(shared: Shared, border: LargeBodies) -> None:
+    goal = shared.store.adopt(shared.write("a1/1"))
+    change = StateChange(TaskId(3), "grasp", 1, "running", "begin", Party.SERVER, goal=goal)
+    encoded = encode_change(change)
+    del goal, change
+    inline_change = msgspec.msgpack.decode(
+        outgoing(border, Answer(1), encoded)[1], type=StateChange
+    )
+    assert inline_change.goal == inline()
+    border.note_sharing(LINE)
+    border.enqueue(LINE, Answer(1, more=True), encoded)
+    del encoded
+    assert shared.files() == ["a1/1"]
+    border.credit(LINE, 1 << 20)
+    assert shared.files() == ["a1/1.free"]
 
 
 # --- on the disk ------------------------------------------------------------------------------------
