@@ -21,6 +21,9 @@ MARK = b"\xc1"
 ALIGNMENT = 64
 """Parts of a segment begin at a multiple of this many bytes, as numpy and vector units like it."""
 
+DATA_FOLDER, HELD_FOLDER = "data", "held"
+"""Folders beside a journal with copies of segments: data/EPOCH/SEGMENT has those of the journal."""
+
 _SEGMENT = re.compile(r"[0-9a-f]{1,32}/[0-9]{1,18}")
 """A segment's name: the incarnation of the module that made it, and a number."""
 
@@ -85,11 +88,21 @@ def unpack_handle(body: bytes) -> tuple[Handle, memoryview]:
     return handle, rest
 
 
+def damage_of(body: bytes) -> str:
+    """Return why a large body can't be used, or ""."""
+    try:
+        unpack_handle(body)
+    except ProtocolError as error:
+        return str(error)
+    return ""
+
+
 def held_size(body: bytes) -> int:
     """Return the bytes that a body holds in memory, with those of its segment."""
-    if not is_large(body):
+    if body[:1] != MARK:
         return len(body)
     try:
-        return len(body) + unpack_handle(body)[0].size
+        handle, rest = unpack_handle(body)
     except ProtocolError:
         return len(body)
+    return len(body) + handle.size - len(rest)
