@@ -32,6 +32,7 @@ _INCARNATION = re.compile(r"[0-9a-f]{1,32}")
 OWN = "0"
 """The folder of segments that central itself makes, in place of an incarnation."""
 
+_KEPT = int(Keep.TASK | Keep.JOURNAL)
 NEW, FREE = ".new", ".free"
 
 ORPHANED = 30.0
@@ -56,7 +57,7 @@ class _Held(NamedTuple):
     """A segment that central holds."""
 
     size: int
-    keep: Keep
+    keep: int  #: the flags of all its bodies
     bodies: int  #: the number of bodies with its name, and of copies to the disk in progress
 
 
@@ -180,9 +181,9 @@ class Store:
         if not (name := handle.segment):
             return body
         stored = StoredBody(body)
-        stored.name, stored.ended = name, self._ended
-        size, keep, count = self._held.get(name) or (handle.size, Keep.NOTHING, 0)
-        wanted = Keep(handle.keep & (Keep.TASK | Keep.JOURNAL))
+        stored.name, stored.ended, stored.held = name, self._ended, len(body) + handle.size
+        size, keep, count = self._held.get(name) or (handle.size, 0, 0)
+        wanted = handle.keep & _KEPT
         self._held[name] = _Held(size, keep | wanted, count + 1)
         if self.folder is not None:
             if not count:
@@ -197,12 +198,12 @@ class Store:
         with contextlib.suppress(OSError):
             os.rename(path + NEW, path)  # noqa: PTH104 - three times as fast
 
-    def _keep(self, name: str, keep: Keep) -> None:
+    def _keep(self, name: str, keep: int) -> None:
         """Copy a segment to the disk, if *keep* says so. The copy counts as a body."""
         path, held = self._path(name), self._held[name]
         if self._kept is None or not keep or not path.exists():
             return
-        if self._kept.add(name, path, held.size, keep):
+        if self._kept.add(name, path, held.size, Keep(keep)):
             self._held[name] = held._replace(bodies=held.bodies + 1)
 
     def flush(self) -> None:
@@ -217,10 +218,10 @@ class Store:
         for name, keep in self._count_ended():
             if self.folder is not None:
                 if self._kept is not None:
-                    self._kept.release(name, keep)
+                    self._kept.release(name, Keep(keep))
                 self._release(name, modules)
 
-    def _count_ended(self) -> list[tuple[str, Keep]]:
+    def _count_ended(self) -> list[tuple[str, int]]:
         """Count the bodies that have ended. Return the segments that none is left of."""
         released = []
         for ended in (self._ended, [] if self._kept is None else self._kept.ended):

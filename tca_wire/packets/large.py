@@ -59,6 +59,8 @@ class LargeBody(bytes):
     """
 
     owner: object = None
+    held: int = 0
+    """The result of ``held_size``, if it is known: the handle is then sound."""
 
 
 def is_large(body: bytes) -> bool:
@@ -90,6 +92,8 @@ def unpack_handle(body: bytes) -> tuple[Handle, memoryview]:
 
 def damage_of(body: bytes) -> str:
     """Return why a large body can't be used, or ""."""
+    if isinstance(body, LargeBody) and body.held:
+        return ""
     try:
         unpack_handle(body)
     except ProtocolError as error:
@@ -101,6 +105,8 @@ def held_size(body: bytes) -> int:
     """Return the bytes that a body holds in memory, with those of its segment."""
     if body[:1] != MARK:
         return len(body)
+    if isinstance(body, LargeBody) and body.held:
+        return body.held
     try:
         handle, rest = unpack_handle(body)
     except ProtocolError:
