@@ -513,7 +513,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Keep: keeping.on_keep,
     headers.Recalled: joining.on_recalled,
     headers.Bye: joining.on_bye,
-    headers.Receipt: lambda *_: None,  # the server handles it
+    headers.Receipt: joining.on_receipt,
     headers.UsesStore: lambda *_: None,  # the server handles it
     headers.GetVariable: variables.on_get_variable,
     headers.SetVariable: variables.on_set_variable,

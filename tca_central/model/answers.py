@@ -1,6 +1,7 @@
 """The newest answers to requests. A module may repeat its requests after a reconnect."""
 
 from collections import OrderedDict
+from collections.abc import Iterable
 
 from tca_central.model.budget import ANSWER_BYTES
 from tca_central.model.deliveries import Connection
@@ -70,6 +71,13 @@ class KeptAnswers(Stored):
     def walked_bytes(self) -> int:
         """Return the bytes of all answers, counted again to check ``bytes``."""
         return sum(ANSWER_BYTES + held_size(body) for _, _, body in self._kept.values())
+
+    def forget_read(self, connection: Connection, numbers: Iterable[int]) -> None:
+        """Forget answers that a connection has read: it repeats these requests no more."""
+        for number in numbers:
+            if (connection.session, number) in self._kept:
+                connection.answers.remove(number)
+                self._forget(connection, number)
 
     def forget_all(self, connection: Connection | None) -> None:
         """Forget the answers of a connection that will not repeat any request."""

@@ -278,7 +278,7 @@ class Observation:
             return change
         opened = self.connection.line.large.opened
         change = msgspec.structs.replace(change, goal=opened(change.goal), data=opened(change.data))
-        self.connection.line.acknowledge()
+        self.connection.line.acknowledge([])
         return change
 
     def _on_change(self, change: StateChange) -> None:

@@ -7,8 +7,13 @@ import os
 from tca_wire.errors import ProtocolError
 from tca_wire.messages.large_data import OpenedBody
 from tca_wire.packets.large import Handle, unpack_handle
+from tca_wire.vocabulary import Limit
 
 _POPULATE = getattr(mmap, "MAP_POPULATE", 0)  # one call is cheaper than a fault for each page
+_FAR = (
+    "its {size} bytes stand in shared memory, which this module does not share with central; a"
+    f" message to it holds at most {Limit.BODY:d}"
+)
 _GONE = (
     "the data are gone from shared memory: their task has ended,"
     " or the computer was restarted since they were sent"
@@ -27,6 +32,8 @@ def opened(store: str, body: bytes) -> OpenedBody:
             found.content = content
         elif store:
             found.content = _memory_of(f"{store}/{handle.segment}", handle)
+        else:
+            found.problem = _FAR.format(size=handle.size)
     except FileNotFoundError:
         found.problem = _GONE
     except (ProtocolError, OSError) as error:

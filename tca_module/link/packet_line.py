@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
@@ -18,8 +19,9 @@ from tca_module.sockets.transport import (
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
-from tca_wire.packets.headers import ToCentral, UsesStore, Welcome
+from tca_wire.packets.headers import Answer, ToCentral, UsesStore, Welcome
 from tca_wire.packets.large import MARK
+from tca_wire.vocabulary import Limit
 
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
@@ -129,13 +131,14 @@ class PacketLine:
     def _process(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
-        now, session, has_large = self.clock(), self.session, False
+        now, session, large = self.clock(), self.session, list[Any]()
         if self._owes_answer(now):
             self._last_silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):
                 if body[:1] == MARK:
-                    body, has_large = self.large.opened(body), True  # noqa: PLW2901
+                    large.append(header)
+                    body = self.large.opened(body)  # noqa: PLW2901
                 session.receive(header, body, now)
                 if header.__class__ is Welcome:
                     self._on_welcome(header)
@@ -143,8 +146,8 @@ class PacketLine:
             self._log.warning(
                 "central at %s sent an invalid packet: %s", self._transport.address, error
             )
-        if has_large:
-            self.acknowledge()
+        if large:
+            self.acknowledge([one.number for one in large if isinstance(one, Answer)])
         self.large.tidy()
         while session.complaints:
             self._log.warning("%s", session.complaints.pop(0))
@@ -164,9 +167,12 @@ class PacketLine:
         name = getattr(header, "message", "") or getattr(header, "variable", "")
         return self.large.store(body, f"'{name}'" if name else "the message")
 
-    def acknowledge(self) -> None:
-        """Report what was read, so that central no longer holds the large data in it."""
-        if self._transport.send(self._receipts.now(), 0.0):
+    def acknowledge(self, answers: list[int]) -> None:
+        """Report what was read, so that central no longer holds the large data in it.
+
+        *answers*: the requests that are answered.
+        """
+        if self._transport.send(self._receipts.now(answers[: Limit.LIST]), 0.0):
             self._receipts.sent()
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:

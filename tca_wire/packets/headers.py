@@ -266,6 +266,8 @@ class Receipt(WireArray, frozen=True, tag=50):
     """
 
     size: int
+    answers: Annotated[list[int], MANY] = []
+    """Requests whose answers had large data and are read: central need not store them any more."""
 
 
 class UsesStore(WireArray, frozen=True, tag=67):
