@@ -193,10 +193,16 @@ class Store:
         return stored
 
     def _mark_held(self, name: str) -> None:
-        """Rename a segment that has arrived. It may be held already, or missing."""
+        """Rename a segment that has arrived. It may be held already, or missing.
+
+        It is free if the core dropped this message before: its sender then repeats it, and does not
+        write the segment again.
+        """
         path = f"{self._folder}/{name}"
-        with contextlib.suppress(OSError):
-            os.rename(path + NEW, path)  # noqa: PTH104 - three times as fast
+        for state in (NEW, FREE):
+            with contextlib.suppress(OSError):
+                os.rename(path + state, path)  # noqa: PTH104 - three times as fast
+                return
 
     def _keep(self, name: str, keep: int) -> None:
         """Copy a segment to the disk, if *keep* says so. The copy counts as a body."""
