@@ -148,6 +148,8 @@ class KeptData:
         if self._thread is not None:
             with self._changed:
                 self._is_closing = True
+                if is_over:
+                    self._later.clear()
                 self._changed.notify_all()
             self._thread.join()
         if is_over:

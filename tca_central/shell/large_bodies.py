@@ -70,8 +70,8 @@ class LargeBodies:
         try:
             items = codec.unpack_to_central(packet)
             moved = [(header, self._with_segment(body)) for header, body in items]
-        except (ProtocolError, OSError):
-            return packet  # it is refused, or stays as it is
+        except ProtocolError:
+            return packet  # it is refused
         has_moved = any(new is not body for (_, new), (_, body) in zip(moved, items, strict=True))
         return codec.pack(moved) if has_moved else packet
 
@@ -79,7 +79,10 @@ class LargeBodies:
         if body[:1] != MARK or len(body) > Limit.BODY:
             return body
         handle, rest = unpack_handle(body)
-        return body if handle.segment else self.store.write(handle, rest)
+        try:
+            return body if handle.segment else self.store.write(handle, rest)
+        except OSError:
+            return body  # the memory is full: the core holds the bytes
 
     # --- out --------------------------------------------------------------------------------------
 
