@@ -18,6 +18,7 @@ from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
 from tca_central.model.tasks import Policy, Retention, Scheduled, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.state import Collector, State
+from tca_wire.packets.large import held_size
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -524,7 +525,7 @@ def _check_retained(central: State) -> None:
 def _check_variables(central: State) -> None:
     """Check that values belong to variables, their size is known, and only the newest waits."""
     held = central.variables
-    assert held.bytes == sum(len(value.body) for value in held.values.values()), (
+    assert held.bytes == sum(held_size(value.body) for value in held.values.values()), (
         f"variables: {held.bytes} bytes are counted wrongly"
     )
     for name in held.values:
@@ -549,9 +550,9 @@ def _check_budget(central: State) -> None:
     queued = {one for resource in resources for one in resource.queued()}
     queued |= {one for message in registry.messages.values() for one in message.waiting.values()}
     messages = [one for one in (*running, *queued) if not isinstance(one, Task)]
-    assert central.dispatcher.bytes == sum(DELIVERY_BYTES + len(one.body) for one in messages), (
-        "bytes of messages"
-    )
+    assert central.dispatcher.bytes == sum(
+        DELIVERY_BYTES + held_size(one.body) for one in messages
+    ), "bytes of messages"
     connections = [*registry.connections.values(), *registry.lost.values()]
     due = [one for connection in connections for one in connection.outstanding.values()]
     assert central.budget.collector_bytes == sum(
@@ -571,11 +572,16 @@ def _check_budget(central: State) -> None:
 
 def _task_size(task: Task) -> int:
     termination_messages = task.scheduled.termination_messages if task.scheduled is not None else ()
-    planned = sum(DELIVERY_BYTES + len(body) for _, body in termination_messages)
+    planned = sum(DELIVERY_BYTES + held_size(body) for _, body in termination_messages)
     if task.clients is not None:
-        planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(
-            task.clients.progress
-        )
+        planned += sum(DELIVERY_BYTES + held_size(one.body) for one in task.clients.asked)
+        planned += held_size(task.clients.progress)
     if (policy := Policy.of(task)) is not None:
         planned += len(policy.declared.data)
-    return TASK_BYTES + len(task.body) + len(task.result) + failure_size(task.failure) + planned
+    return (
+        TASK_BYTES
+        + held_size(task.body)
+        + held_size(task.result)
+        + failure_size(task.failure)
+        + planned
+    )

@@ -17,12 +17,14 @@ from tca_central.loading import is_compiled
 from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import raise_descriptor_limit
 from tca_central.shell.gate import OpenGate, gate_for
+from tca_central.shell.kept_data import KeptData
 from tca_central.shell.log_limit import LineLimit
 from tca_central.shell.log_lines import LineFormatter
 from tca_central.shell.log_writer import Sync, is_in_use
 from tca_central.shell.recovery import unfinished_segments
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
+from tca_central.shell.store import Store
 from tca_wire.endpoint import (
     VARIABLE,
     NoHome,
@@ -76,6 +78,25 @@ def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None
         return folder if unfinished_segments(folder, accept=accept) else None
     except (OSError, NoHome):
         return None
+
+
+def _run_folder(
+    address: str, journal: Path | None, store: Store, *, is_fresh: bool, accept: bool
+) -> RunFolder:
+    """Return the folder of the run at an address, with the run that continues, if any.
+
+    Raises CentralError.
+    """
+    unfinished = None if journal else _unfinished_at(address, is_fresh=is_fresh, accept=accept)
+    folder = journal or unfinished or new_journal()
+    return RunFolder(folder, is_fresh=is_fresh, accept=accept, adopt=store.adopt)
+
+
+def _kept_data(run: RunFolder | None, sync: Sync, *, keeps_tasks: bool) -> KeptData | None:
+    """Return the copies of large data on the disk; None without a journal."""
+    if run is None:
+        return None
+    return KeptData(run.path, run.central.epoch, sync, keeps_tasks=keeps_tasks)
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -274,16 +295,11 @@ def central(  # noqa: PLR0913 - one parameter per option
     raise_descriptor_limit()
     run: RunFolder | None = None
     server: Daemon | None = None
+    store = Store()
     try:
         if not no_journal:
-            is_fresh = fresh or no_inputs
-            accept = "facts" in resume
-            folder = (
-                journal
-                or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept)
-                or new_journal()
-            )
-            run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
+            is_fresh, accept = fresh or no_inputs, "facts" in resume
+            run = _run_folder(endpoint, journal, store, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Daemon(
@@ -294,7 +310,9 @@ def central(  # noqa: PLR0913 - one parameter per option
             memory=memory,
             tap_depth=tap_depth,
             task_depth=task_depth,
+            store=store,
         )
+        store.open(known.epoch, _kept_data(run, Sync(sync), keeps_tasks=not no_inputs))
         server.continues_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)

@@ -67,7 +67,7 @@ from tca_central.state import State, TaskWait
 from tca_central.status import topics
 from tca_central.watching import taps, watches
 from tca_wire.journal import causes, facts
-from tca_wire.packets import headers
+from tca_wire.packets import headers, large
 from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Accepted, Refused, ToCentral
 from tca_wire.text.printable import shortened
@@ -75,7 +75,7 @@ from tca_wire.vocabulary import Due, Limit, Refusal, Role
 
 T = TypeVar("T")
 
-_LONGEST_BODY = int(Limit.BODY)
+_LONGEST_BODY, _MARK = int(Limit.BODY), large.MARK
 
 
 class Central(State):
@@ -234,8 +234,8 @@ class Central(State):
                 naming.refuse_lost(self.lost_ids, header)
         if connection.rights is not None:
             access.check(self, connection, header)
-        if len(body) > _LONGEST_BODY:
-            replying.refuse_body(self, connection, header, len(body))
+        if (len(body) > _LONGEST_BODY or body[:1] == _MARK) and (why := replying.fault_of(body)):
+            replying.refuse_body(self, connection, header, why)
         else:
             HANDLERS[type(header)](self, connection, cast("Never", header), body)
 
@@ -511,7 +511,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Keep: keeping.on_keep,
     headers.Recalled: joining.on_recalled,
     headers.Bye: joining.on_bye,
-    headers.Receipt: lambda *_: None,  # the server handles it
+    headers.Receipt: joining.on_receipt,
+    headers.UsesStore: lambda *_: None,  # the server handles it
     headers.GetVariable: variables.on_get_variable,
     headers.SetVariable: variables.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,

@@ -1,7 +1,5 @@
 """The state of central, and operations on several of its parts. The rules are in other files."""
 
-import msgspec
-
 from tca_central.errors import RequestError
 from tca_central.events import LimitsSet, Transmit
 from tca_central.model.answers import KeptAnswers
@@ -27,7 +25,7 @@ from tca_central.model.deliveries import (
     Wiretap,
 )
 from tca_central.model.memory import Memory
-from tca_central.model.observers import Observation, Observers
+from tca_central.model.observers import Observation, Observers, encode_change
 from tca_central.model.registry import Registry, Variables
 from tca_central.model.stored import Stored
 from tca_central.model.task_tree import TaskTree, taps_of
@@ -38,6 +36,7 @@ from tca_central.present import Waits
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, ToModule
+from tca_wire.packets.large import held_size
 from tca_wire.packets.parts import MessageFormat, StateChange
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
@@ -80,7 +79,7 @@ class Collector(Stored):
     @property
     def size(self) -> int:
         """The bytes that the final answer holds."""
-        return 0 if self.end is None else len(self.end[1])
+        return 0 if self.end is None else held_size(self.end[1])
 
 
 class TaskWait(Stored):
@@ -305,7 +304,7 @@ class State(Waits):
             outcome=outcome,
             request=request,
         )
-        encoded = msgspec.msgpack.encode(change)
+        encoded = encode_change(change)
         for one in observers:
             self.notify_observer(one, encoded, task.state)
         if outcome is not None:
@@ -463,7 +462,7 @@ class State(Waits):
 
         The recorded refusal names *what* would have been sent.
         """
-        if why := self.refuse_if_full(len(body)):
+        if why := self.refuse_if_full(held_size(body)):
             self.facts.append(
                 facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
             )

@@ -288,6 +288,7 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Recalled: None,
     headers.Bye: None,
     headers.Receipt: None,
+    headers.UsesStore: None,
     headers.GetVariable: _get_variable,
     headers.SetVariable: lambda _, connection, header: _need(connection, SEND, header.variable),
     headers.WaitUntilHandled: None,

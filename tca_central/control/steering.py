@@ -20,6 +20,7 @@ from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
+from tca_wire.packets.large import held_size
 from tca_wire.points import END_ACHIEVING, ROOT, THIS, Point, describe_moments
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
@@ -242,5 +243,5 @@ def store_termination_message(
         text = f"{MOST_TERMINATION_MESSAGES} messages are stored for its termination already"
         raise RequestError(Refusal.OVERLOAD, f"{task}: {text}")
     termination_messages.append((message, body))
-    central.tree.grow(task, DELIVERY_BYTES + len(body))
+    central.tree.grow(task, DELIVERY_BYTES + held_size(body))
     central.facts.append(facts.SendPlanned(task.id, message.name, body))

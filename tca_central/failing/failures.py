@@ -40,6 +40,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
+from tca_wire.packets.large import held_size
 from tca_wire.points import (
     ALL_MOMENTS,
     ROOT,
@@ -82,7 +83,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
         connection, header.number, header.task, "no failure can be raised on it"
     )
     if task is not None:
-        central.check_room(len(body))
+        central.check_room(held_size(body))
         raise_failure(central, task, failure_of(header, body), connection.module.name)
         central.accept(connection, header.number, header.task)
 
@@ -533,7 +534,7 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         _check_attempts(task, asking)
     check_order(central, task, asking)
     if header.new_data:
-        central.check_room(len(body))
+        central.check_room(held_size(body))
     retry_task(central, task, body if header.new_data else None, connection.module.name, asking)
     central.accept(connection, header.number, task.id)
 
@@ -561,7 +562,7 @@ def retry_task(
     if has_begun and task.watch is not None:
         stop_watching(central, task.watch, "it is retried")
     if data is not None:
-        central.tree.grow(task, len(data) - len(task.body))
+        central.tree.grow(task, held_size(data) - held_size(task.body))
         task.body = data
     central.tree.set_failure(task, None)
     central.facts.append(by_policy or facts.Retried(task.id, data or b"", by))

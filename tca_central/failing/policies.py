@@ -23,6 +23,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import UNCERTAIN
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import NIL, NO_DATA
+from tca_wire.packets.large import held_size
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import CENTRAL, LONGEST_TIME, Limit, MessageClass, Refusal, Role
@@ -192,6 +193,6 @@ def pass_result(central: State, task: Task, fallback: Task) -> bool:
     """Give a task the result of its fallback. Return False if the task wants another type."""
     own, wanted = fallback.message.format.reply, task.message.format.reply
     result = b"" if first_misfit(own, wanted) else fallback.result or NIL
-    central.tree.grow(task, len(result) - len(task.result))
+    central.tree.grow(task, held_size(result) - held_size(task.result))
     task.result = result
     return bool(result) or first_misfit(NO_DATA, wanted) is None

@@ -1,26 +1,28 @@
 """Decodes bytes to central's state. Nothing in the bytes is ever run."""
 
 import gc
+from collections.abc import Callable
 from typing import Any
 
 from tca_central.core import Central
 from tca_central.errors import ImageError
 from tca_central.image.container import ClassTable, Column, unseal
 from tca_central.image.shapes import ObjectShape, Shape, shape_named
+from tca_wire.packets.large import MARK
 
 _ADVICE = "start the version that wrote it, or continue without the image"
 _CENTRAL = f"{Central.__module__}.{Central.__name__}"
 
 
-def decode(data: bytes) -> Central:
-    """Return the central of an image.
+def decode(data: bytes, adopt: Callable[[bytes], bytes] = bytes) -> Central:
+    """Return the central of an image. *adopt* gets each large body.
 
     Raise ImageError, with advice, if the image is damaged or not of this version.
     """
     was_enabled = gc.isenabled()
     gc.disable()  # it would scan all new objects repeatedly, and find no garbage
     try:
-        return _central_of(unseal(data), len(data))
+        return _central_of(_with_adopted(unseal(data), adopt), len(data))
     except ImageError:
         raise
     except Exception as error:  # noqa: BLE001 - hostile bytes may cause any exception
@@ -30,6 +32,18 @@ def decode(data: bytes) -> Central:
     finally:
         if was_enabled:
             gc.enable()
+
+
+def _with_adopted(tables: list[ClassTable], adopt: Callable[[bytes], bytes]) -> list[ClassTable]:
+    """Replace the large bodies among plain values. Return the tables."""
+    for table in tables:
+        for column in table.columns:
+            if not column.refers:
+                column.values = [
+                    adopt(one) if type(one) is bytes and one[:1] == MARK else one
+                    for one in column.values
+                ]
+    return tables
 
 
 def _central_of(tables: list[ClassTable], size: int) -> Central:

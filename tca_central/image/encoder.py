@@ -17,6 +17,7 @@ from tca_central.core import Central
 from tca_central.errors import ImageError
 from tca_central.image.container import PLAIN, ClassTable, plain_column, references, seal
 from tca_central.image.shapes import Shape, ValueShape, group_key, shape_of
+from tca_wire.packets.large import LargeBody
 
 LONG = 200
 """Values of more characters or bytes are written once, however many objects share them."""
@@ -43,6 +44,13 @@ def encode(central: Central) -> bytes:
     encoding.discover([central])
     encoding.expand()
     return seal(list(encoding.tables()))
+
+
+def _as_plain(values: list[Any]) -> list[Any]:
+    """Return values with plain bytes in place of large bodies."""
+    if not any(issubclass(kind, LargeBody) for kind in set(map(type, values))):
+        return values
+    return [bytes(one) if isinstance(one, LargeBody) else one for one in values]
 
 
 class _Gathered:
@@ -120,7 +128,8 @@ class _Encoding:
             for group in waiting:
                 things = group.things[group.expanded :]
                 group.expanded += len(things)
-                for column, values in zip(group.columns, group.shape.read(things), strict=True):
+                for column, read in zip(group.columns, group.shape.read(things), strict=True):
+                    values = _as_plain(read)
                     column.values += values
                     column.kinds.update(kinds := set(map(type, values)))
                     if not kinds <= PLAIN:

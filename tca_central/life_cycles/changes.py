@@ -26,6 +26,7 @@ from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.life_cycles import Effect, LifeCycle, Transition, read_life_cycle
 from tca_wire.packets.changes import ChangeState, Requested
+from tca_wire.packets.large import held_size
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import CENTRAL, Busy, Party, Refusal
@@ -90,7 +91,7 @@ def on_change_state(
             f"{header.serial}: observe the task again"
         )
         raise RequestError(Refusal.PROTOCOL, text)
-    central.check_room(len(body))
+    central.check_room(held_size(body))
     header = replace(header, text=shortened(header.text))
     asking = central.dispatcher.running.get(central.origin)
     if asking is task:
@@ -386,7 +387,7 @@ def _wanted_by(asked: list[ClientRequest], module: str) -> Verdict:
 
 def _set_goal(central: State, task: Task, goal: bytes) -> None:
     """Replace a task's data."""
-    central.tree.grow(task, len(goal) - len(task.body))
+    central.tree.grow(task, held_size(goal) - held_size(task.body))
     task.body = goal
 
 

@@ -2,12 +2,10 @@
 
 from collections.abc import Iterable
 
-import msgspec
-
 from tca_central.errors import RequestError
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection
-from tca_central.model.observers import Observation
+from tca_central.model.observers import Observation, encode_change
 from tca_central.model.tasks import Task
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -43,9 +41,7 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     connection.outstanding[header.number] = observation
     central.observers.add(observation)
     for task in late:
-        central.notify_observer(
-            observation, msgspec.msgpack.encode(_current_state(task)), task.state
-        )
+        central.notify_observer(observation, encode_change(_current_state(task)), task.state)
     observation.notifications += 1
     central.notify(connection, Answer(header.number, more=True))
 
@@ -101,7 +97,7 @@ def _answer_ended(central: State, connection: Connection, header: Observe) -> No
         is_over=True,
         outcome=result,
     )
-    central.notify(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
+    central.notify(connection, Answer(header.number, more=True), encode_change(change))
     central.answer(connection, header.number, Answer(header.number))
 
 

@@ -1,11 +1,13 @@
 """The newest answers to requests. A module may repeat its requests after a reconnect."""
 
 from collections import OrderedDict
+from collections.abc import Iterable
 
 from tca_central.model.budget import ANSWER_BYTES
 from tca_central.model.deliveries import Connection
 from tca_central.model.stored import Stored
 from tca_wire.packets.headers import ToModule
+from tca_wire.packets.large import held_size
 
 REMEMBERED_ANSWERS = 64
 """Stored answers per connection."""
@@ -32,7 +34,7 @@ class KeptAnswers(Stored):
         if (connection.session, number) in self._kept:
             connection.answers.remove(number)
             self._forget(connection, number)
-        size = ANSWER_BYTES + len(body)
+        size = ANSWER_BYTES + held_size(body)
         self._kept[connection.session, number] = connection, header, body
         connection.answers.append(number)
         connection.answer_bytes += size
@@ -68,7 +70,14 @@ class KeptAnswers(Stored):
 
     def walked_bytes(self) -> int:
         """Return the bytes of all answers, counted again to check ``bytes``."""
-        return sum(ANSWER_BYTES + len(body) for _, _, body in self._kept.values())
+        return sum(ANSWER_BYTES + held_size(body) for _, _, body in self._kept.values())
+
+    def forget_read(self, connection: Connection, numbers: Iterable[int]) -> None:
+        """Forget answers that a connection has read: it repeats these requests no more."""
+        for number in numbers:
+            if (connection.session, number) in self._kept:
+                connection.answers.remove(number)
+                self._forget(connection, number)
 
     def forget_all(self, connection: Connection | None) -> None:
         """Forget the answers of a connection that will not repeat any request."""
@@ -82,6 +91,6 @@ class KeptAnswers(Stored):
     def _forget(self, connection: Connection, number: int) -> None:
         """Forget the answer to a request that is no longer in the connection's list."""
         _, _, body = self._kept.pop((connection.session, number))
-        size = ANSWER_BYTES + len(body)
+        size = ANSWER_BYTES + held_size(body)
         connection.answer_bytes -= size
         self.bytes -= size

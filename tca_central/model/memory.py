@@ -3,6 +3,7 @@
 from tca_central.errors import RequestError
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import TaskOutcome, TaskRecord
+from tca_wire.packets.large import held_size
 from tca_wire.vocabulary import Outcome, Refusal
 
 REMEMBERED_OUTCOMES = 10_000
@@ -83,4 +84,4 @@ class Memory(Stored):
 
 def _size(outcome: TaskOutcome) -> int:
     """Return the bytes that an outcome holds."""
-    return len(outcome[2]) + len(outcome[3])
+    return len(outcome[2]) + held_size(outcome[3])

@@ -5,7 +5,10 @@ from collections.abc import Iterator
 from tca_central.model.deliveries import Connection
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import Task
+from tca_wire.packets import codec
 from tca_wire.packets.changes import Observe
+from tca_wire.packets.large import LargeBody, is_large
+from tca_wire.packets.parts import StateChange
 from tca_wire.points import TaskId
 from tca_wire.waits import WaitKind
 
@@ -104,3 +107,13 @@ class Observers(Stored):
 def _group_key(observation: Observation) -> int | str:
     """Return the key of an observation's group."""
     return observation.task_id or (MANY if observation.below else observation.message)
+
+
+def encode_change(change: StateChange) -> bytes:
+    """Return the body with a change, which keeps the large data of the change alive."""
+    encoded = codec.encode(change)
+    if not (is_large(change.goal) or is_large(change.data)):
+        return encoded
+    body = LargeBody(encoded)
+    body.owner = change
+    return body

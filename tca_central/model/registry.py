@@ -15,6 +15,7 @@ from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.formats import first_difference
 from tca_wire.messages.notices import NOTICES, PREFIX
+from tca_wire.packets.large import held_size
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.vocabulary import Refusal
 
@@ -252,10 +253,10 @@ class Variables(Stored):
     def check_room(self, name: str, body: bytes, most: int) -> None:
         """Raise RequestError if all values would hold more than *most* bytes with this new one."""
         known = self.values.get(name)
-        size = self.bytes + len(body) - (len(known.body) if known else 0)
+        size = self.bytes + held_size(body) - (held_size(known.body) if known else 0)
         if size > most:
             text = (
-                f"with {len(body)} bytes in '{name}' all variables would hold {size}: "
+                f"with {held_size(body)} bytes in '{name}' all variables would hold {size}: "
                 f"{most} are allowed"
             )
             raise RequestError(Refusal.OVERLOAD, text)
@@ -264,9 +265,9 @@ class Variables(Stored):
         """Replace a variable's value. ``check_room`` must have passed."""
         self.forget(name)
         self.values[name] = value
-        self.bytes += len(value.body)
+        self.bytes += held_size(value.body)
 
     def forget(self, name: str) -> None:
         """Forget a variable's value."""
         if (known := self.values.pop(name, None)) is not None:
-            self.bytes -= len(known.body)
+            self.bytes -= held_size(known.body)

@@ -10,6 +10,7 @@ from tca_central.model.contexts import monitor_of
 from tca_central.model.deliveries import Delivery, MessageType, Module, Wiretap
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import ClientRequest, Clients, Failure, Recovery, Task, held_bytes
+from tca_wire.packets.large import held_size
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
 from tca_wire.rules import RULES
 from tca_wire.vocabulary import Refusal, Role
@@ -110,7 +111,7 @@ class TaskTree(Stored):
     def set_progress(self, task: Task, body: bytes) -> None:
         """Set the newest intermediate result."""
         clients = Clients.of(task)
-        self.grow(task, len(body) - len(clients.progress))
+        self.grow(task, held_size(body) - held_size(clients.progress))
         clients.progress = body
 
     def ask(self, task: Task, asked: ClientRequest) -> None:
@@ -204,7 +205,7 @@ class TaskTree(Stored):
 
 def failure_size(failure: Failure | None) -> int:
     """Return the bytes that a failure holds."""
-    return 0 if failure is None else len(failure[1]) + len(failure[2])
+    return 0 if failure is None else len(failure[1]) + held_size(failure[2])
 
 
 def taps_of(delivery: Delivery) -> list[Wiretap]:

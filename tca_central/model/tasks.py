@@ -23,6 +23,7 @@ from tca_central.model.deliveries import (
     Wiretap,
 )
 from tca_central.model.stored import Stored
+from tca_wire.packets.large import held_size
 from tca_wire.packets.parts import Involved, RetryPolicy, Watching, WatchOptions
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import CENTRAL, Due, Outcome, Role
@@ -141,7 +142,7 @@ class Task(Ordered):
         self.returned = False  #: whether its handler has returned, or will never be called
         self.killed = ""  #: why it was killed and by which module; "" if it was not
         self.result = b""  #: the result of its handler
-        self.size = TASK_BYTES + len(body)  #: bytes that it counts for in the budget
+        self.size = TASK_BYTES + held_size(body)  #: bytes that it counts for in the budget
         self.recovery: Recovery | None = None
         self.tapping: Tapping | None = None
         self.scheduled: Scheduled | None = None
@@ -482,7 +483,7 @@ class TaskRecord(Stored):
     @property
     def size(self) -> int:
         """The number of bytes of data, result and failure text in the record."""
-        return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
+        return held_size(self.body) + len(self.outcome[2]) + held_size(self.outcome[3])
 
     @property
     def siblings(self) -> "dict[int, TaskRecord]":
@@ -585,4 +586,4 @@ def place_of(attachment: AttachedHandler | Wiretap) -> Task | MessageType:
 
 def held_bytes(asked: list[ClientRequest]) -> int:
     """Return the bytes that clients' requests hold."""
-    return sum(DELIVERY_BYTES + len(one.body) for one in asked)
+    return sum(DELIVERY_BYTES + held_size(one.body) for one in asked)

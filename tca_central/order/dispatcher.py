@@ -30,6 +30,7 @@ from tca_central.order.prefetching import (
     record_run,
 )
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
+from tca_wire.packets.large import held_size
 
 QUEUE_LIMIT = 10_000
 """The most deliveries that may wait for one resource, or for one message that has no handler yet.
@@ -166,7 +167,7 @@ class Dispatcher(Stored):
         While tasks are paused after a restart, the message may overtake them. So its resources are
         refilled again.
         """
-        self.bytes += DELIVERY_BYTES + len(message.body)
+        self.bytes += DELIVERY_BYTES + held_size(message.body)
         if self.are_tasks_paused:
             self.to_refill.extend((resource, None) for resource in resources)
 
@@ -219,7 +220,7 @@ class Dispatcher(Stored):
         delivery.slot = slot
         self.running[delivery.handling_id] = delivery
         if not delivery.is_task:
-            self.bytes += DELIVERY_BYTES + len(delivery.body)
+            self.bytes += DELIVERY_BYTES + held_size(delivery.body)
         self._out.deliver(delivery, slot, is_prefetched=is_prefetched)
         if delivery.is_task:
             self.lending.add_below(delivery, slot.resource)
@@ -232,7 +233,7 @@ class Dispatcher(Stored):
         del self.running[delivery.handling_id]
         self.lending.postponed.pop(delivery, None)
         if not delivery.is_task:
-            self.bytes -= DELIVERY_BYTES + len(delivery.body)
+            self.bytes -= DELIVERY_BYTES + held_size(delivery.body)
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
         if slot.hang_timers:
@@ -445,7 +446,7 @@ class Dispatcher(Stored):
             if resource.claims or self.are_tasks_paused:
                 self.to_refill.append((resource, None))
         if not delivery.is_task:
-            self.bytes -= DELIVERY_BYTES + len(delivery.body)
+            self.bytes -= DELIVERY_BYTES + held_size(delivery.body)
         delivery.withdraw()
 
     @staticmethod
@@ -491,7 +492,7 @@ class Dispatcher(Stored):
             del self.running[delivery.handling_id]
             self.lending.postponed.pop(delivery, None)
             if not delivery.is_task:
-                self.bytes -= DELIVERY_BYTES + len(delivery.body)
+                self.bytes -= DELIVERY_BYTES + held_size(delivery.body)
             if slot.resource is not None and not delivery.nested:
                 slot.resource.busy += self._clock.now - delivery.since
             delivery.slot, delivery.nested = None, False

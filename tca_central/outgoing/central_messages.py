@@ -12,6 +12,7 @@ from tca_wire.messages.declarations import D
 from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.messages.notices import Notice
 from tca_wire.packets.headers import Suspended
+from tca_wire.packets.large import held_size
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import RULES
 from tca_wire.vocabulary import CENTRAL, Dropping, Role
@@ -82,12 +83,14 @@ def reason_to_refuse(
     """Return why a message (for *targets* only) is refused now; "" if there is room."""
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
-    return central.refuse_if_full(len(body))
+    return central.refuse_if_full(held_size(body))
 
 
 def reason_to_drop(central: State, message: MessageType, body: bytes) -> str:
     """Return why an inform or broadcast would reach no handler; "" if it reaches one."""
-    if (message.handlers or not message.fans_out) and (why := central.refuse_if_full(len(body))):
+    if (message.handlers or not message.fans_out) and (
+        why := central.refuse_if_full(held_size(body))
+    ):
         return why
     is_full = central.dispatcher.is_full
     if not message.fans_out:

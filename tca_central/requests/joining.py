@@ -209,6 +209,11 @@ def on_hello_again(central: State, connection: Connection, header: headers.Hello
     central.notify(connection, welcome)
 
 
+def on_receipt(central: State, connection: Connection, header: headers.Receipt, _: bytes) -> None:
+    """Forget the answers that a connection has read. The server handles the rest."""
+    central.answers.forget_read(connection, header.answers)
+
+
 def on_bye(central: State, connection: Connection, header: headers.Bye, _: bytes) -> None:
     """Remove a connection that closes regularly, or because of an error of its program."""
     why = f"it failed: {shortened(header.error)}" if header.error else "it said goodbye"

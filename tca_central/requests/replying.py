@@ -17,6 +17,7 @@ from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
 from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, ToCentral
+from tca_wire.packets.large import damage_of, held_size
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
 from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 
@@ -126,7 +127,7 @@ def _complete(
     else:
         # A result of None is stored as no bytes; for a task that has failed, as the bytes of None.
         result = b"" if body == NIL and delivery.failure is None else body
-        central.tree.grow(delivery, len(result) - len(delivery.result))
+        central.tree.grow(delivery, held_size(result) - held_size(delivery.result))
         delivery.result = result
         central.agenda.mark_returned(delivery)
         suspect_kept_claims(central, delivery)
@@ -137,8 +138,8 @@ def _complete(
 def _why_not_stored(central: State, delivery: Delivery, body: bytes) -> str:
     """Return why there is no room for a task's result or its failure's data; "" if there is."""
     return (
-        central.refuse_if_full(len(body))
-        if len(body) > _SMALL and isinstance(delivery, Task)
+        central.refuse_if_full(held_size(body))
+        if held_size(body) > _SMALL and isinstance(delivery, Task)
         else ""
     )
 
@@ -177,12 +178,18 @@ def on_postpone(central: State, connection: Connection, header: headers.Postpone
         dispatcher.postpone(delivery, frees_slot=header.frees_slot)
 
 
-def refuse_body(central: State, connection: Connection, header: ToCentral, size: int) -> None:
-    """Refuse a body that is too long. If it is a handler's answer, the delivery fails."""
-    text = (
-        f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: "
+def fault_of(body: bytes) -> str:
+    """Return why a long or large body is refused, or ""."""
+    if len(body) <= Limit.BODY:
+        return damage_of(body)
+    return (
+        f"a body of {len(body):,} bytes; at most {Limit.BODY:,} are allowed: "
         "send a reference to the data instead"
     )
+
+
+def refuse_body(central: State, connection: Connection, header: ToCentral, text: str) -> None:
+    """Refuse a body. If it is a handler's answer, the delivery fails."""
     if not isinstance(header, headers.Reply | headers.Fail):
         raise RequestError(Refusal.PROTOCOL, text)
     failure = headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}")
@@ -243,7 +250,7 @@ def _collect(
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         # Unless a reply comes, the multi-query ends with its first failure.
         if collector.end is None:
-            if len(body) > _SMALL and central.refuse_if_full(len(body)):
+            if held_size(body) > _SMALL and central.refuse_if_full(held_size(body)):
                 body = b""
             end = Answer(collector.number, answer.outcome, answer.failure, answer.text)
             collector.end = end, body

@@ -38,6 +38,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Send
+from tca_wire.packets.large import held_size
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import END_ACHIEVING, ROOT, Moment, TaskId
 from tca_wire.rules import SENT
@@ -115,7 +116,7 @@ def _send_query(
     """Send a query to a handler. The sender gets the reply as the answer to the request."""
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
-    central.check_room(len(body))
+    central.check_room(held_size(body))
     delivery = _create(central, connection, header, message, body)
     delivery.number = header.number
     connection.outstanding[header.number] = delivery
@@ -128,7 +129,7 @@ def _send_multi_query(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
     """Send a copy of the query to every handler, and collect the replies."""
-    central.check_room(len(body) * len(message.handlers))
+    central.check_room(held_size(body) * len(message.handlers))
     original = _create(central, connection, header, message, body)
     for_each = copies(central, original)
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
@@ -169,7 +170,7 @@ def _send_task(
         text = f"task {{{header.parent}}} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
     central.check_task_depth(message, parent)
-    central.check_room(len(body) + EDGE_BYTES * len(header.constraints))
+    central.check_room(held_size(body) + EDGE_BYTES * len(header.constraints))
     if header.when_killed:
         store_termination_message(central, parent, message, body)
         central.accept(connection, header.number)

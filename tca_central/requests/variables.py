@@ -14,6 +14,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.formats import first_difference
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
+from tca_wire.packets.large import held_size
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
@@ -68,7 +69,7 @@ def on_set_variable(
         )
     central.check_tap_depth(message)
     central.variables.check_room(message.name, body, central.budget.variables)
-    central.check_room(len(body) * len(message.handlers))
+    central.check_room(held_size(body) * len(message.handlers))
     before = _value(central, message)
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.origin, delivery.tap_depth = header.origin, central.tap_depth

@@ -34,8 +34,9 @@ class JournalWriter(LogWriter):
         entry: Entry | None = None,
     ) -> None:
         self._epoch = epoch
-        self._last = entry or Entry(0, 0.0, [])
-        self._began = time.time() - self._last.time
+        last = entry or Entry(0, 0.0, [])
+        self._last = last.number, last.time  #: of the last entry
+        self._began = time.time() - last.time
         self._segment = after.segment if after is not None else 0
         super().__init__(folder, SEGMENT_SUFFIX, sync)
 
@@ -43,11 +44,11 @@ class JournalWriter(LogWriter):
         """Return the first entry of the next segment, which names the journal."""
         self._segment += 1
         opened = Opened(JOURNAL_VERSION, self._epoch, self._segment, self._began, release())
-        return record(Entry(self._last.number, self._last.time, [opened]))
+        return record(Entry(*self._last, [opened]))
 
     def add(self, entry: Entry) -> None:
         """Append an entry; ``flush`` writes it."""
-        self._last = entry
+        self._last = entry.number, entry.time
         self.add_record(record(entry))
 
     def break_off(self, entry_number: int, time_now: float, why: str) -> None:

@@ -69,6 +69,10 @@ class Outboxes:
         self.held += size
         self._ready[connection] = box
 
+    def ahead(self, connection: ConnectionId) -> int:
+        """Return the bytes that a connection has yet to read, sent or not."""
+        return self._boxes[connection].size + self._unread.get(connection, 0)
+
     def credit(self, connection: ConnectionId, size: int) -> None:
         """Note that a connection has read *size* bytes."""
         if connection in self._unread:

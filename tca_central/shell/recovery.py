@@ -18,6 +18,7 @@ from pathlib import Path
 from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.events import ConnectionLost, Restarted
+from tca_central.inputs import Adopt
 from tca_central.shell.input_log import INPUT_SUFFIX, Head, InputSegment, this_boot
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.replaying import InputReplay, NoReplay, check_heads, has_ended, newest_run
@@ -108,13 +109,16 @@ def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegm
     return [] if found and has_ended(found) else found
 
 
-def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False) -> UnfinishedRun:
+def recover(
+    folder: Path, segments: list[InputSegment], *, accept: bool = False, adopt: Adopt = bytes
+) -> UnfinishedRun:
     """Return an unfinished run, replayed, with its logs cut so that new records can follow.
 
     Args:
         folder: The folder of the run.
         segments: The run's segments of inputs, from ``unfinished_segments``.
         accept: Whether to continue in spite of a difference to the journal.
+        adopt: Gets each large body of the inputs and the image.
 
     Raises:
         CentralError: The run can't continue; the text says what to do.
@@ -123,7 +127,7 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
     assert head is not None
     may_lack = head.sync is Sync.NONE or (head.sync is Sync.BATCH and _was_booted(head))
     try:
-        replay = InputReplay(folder, segments, cuts=accept, may_lack=may_lack)
+        replay = InputReplay(folder, segments, cuts=accept, may_lack=may_lack, adopt=adopt)
         facts = WrittenFacts(folder, replay.central.epoch, replay.central.event_count)
         missing: list[Entry] = []
         replayed = replay.entries()

@@ -8,7 +8,7 @@ from tca_central.core import Central
 from tca_central.errors import CentralError, ImageError
 from tca_central.events import Input, Record, RequestSkipped
 from tca_central.image.decoder import decode
-from tca_central.inputs import events_of
+from tca_central.inputs import Adopt, events_of
 from tca_central.shell.input_log import (
     DRAFT_SUFFIX,
     IMAGE_SUFFIX,
@@ -86,6 +86,7 @@ class InputReplay:
         cuts: Whether to stop at a damaged or missing input instead of raising an error.
         may_lack: Whether some of the last inputs may not have reached the disk.
         from_first: Whether to start with the run's oldest state, not with the newest image.
+        adopt: Gets each large body of the inputs and the image.
 
     Raises:
         CentralError: The inputs can't be replayed.
@@ -99,7 +100,9 @@ class InputReplay:
         cuts: bool,
         may_lack: bool = False,
         from_first: bool = False,
+        adopt: Adopt = bytes,
     ) -> None:
+        self._adopt = adopt
         head = segments[0].head
         assert head is not None
         self.folder = folder
@@ -125,7 +128,7 @@ class InputReplay:
         """Replay the inputs, and yield the entries to which they lead. Raises CentralError."""
         for logged, spared in _with_spared(self._inputs()):
             self.inputs += 1
-            for event in events_of(logged, spared):
+            for event in events_of(logged, spared, self._adopt):
                 try:
                     effects = self.central.handle(event)
                 except Exception as error:
@@ -143,7 +146,8 @@ class InputReplay:
         if not (from_first and self.head.is_first):
             for number in images if from_first else images[::-1]:
                 try:
-                    central = decode((self.folder / f"{number:08d}{IMAGE_SUFFIX}").read_bytes())
+                    image = (self.folder / f"{number:08d}{IMAGE_SUFFIX}").read_bytes()
+                    central = decode(image, self._adopt)
                 except (ImageError, OSError) as error:
                     why = f"image {number}: {error}"
                     log.warning("%s: central uses another image", why)

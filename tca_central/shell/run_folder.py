@@ -9,6 +9,7 @@ from typing import Protocol
 from tca_central.core import Central
 from tca_central.errors import disk_error
 from tca_central.events import Input
+from tca_central.inputs import Adopt
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
@@ -35,13 +36,17 @@ class RunFolder:
         path: The folder, created if missing.
         is_fresh: Whether to start a new run in any case.
         accept: Whether a run continues in spite of a difference between journal and inputs.
+        adopt: Gets each large body of the inputs and images.
 
     Raises:
         CentralError: The folder is in use or can't be written, or its run can't continue.
     """
 
-    def __init__(self, path: Path, *, is_fresh: bool = False, accept: bool = False) -> None:
+    def __init__(
+        self, path: Path, *, is_fresh: bool = False, accept: bool = False, adopt: Adopt = bytes
+    ) -> None:
         self.path = path
+        self._adopt = adopt
         self._lock = lock_folder(path)
         try:
             self.run = self._unfinished_run(is_fresh=is_fresh, accept=accept)
@@ -59,8 +64,10 @@ class RunFolder:
     def _unfinished_run(self, *, is_fresh: bool, accept: bool) -> UnfinishedRun | None:
         """Recover the folder's unfinished run, or end it if *is_fresh*."""
         segments = unfinished_segments(self.path, accept=accept or is_fresh)
-        if not segments or not is_fresh:
-            return recover(self.path, segments, accept=accept) if segments else None
+        if not segments:
+            return None
+        if not is_fresh:
+            return recover(self.path, segments, accept=accept, adopt=self._adopt)
         segments[-1].write_end("a new run was started")
         log.warning("starts a new run: the unfinished run, and its tasks, are left as they are")
         return None

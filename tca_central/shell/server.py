@@ -40,12 +40,15 @@ from tca_central.model.budget import MEMORY, TAP_DEPTH, TASK_DEPTH
 from tca_central.shell.address_lock import lock_address
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
+from tca_central.shell.large_bodies import LargeBodies
 from tca_central.shell.log_lines import LogLines
 from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.pulses import Pulses
 from tca_central.shell.run_log import RunLog
-from tca_wire.packets import codec
+from tca_central.shell.store import Store
+from tca_wire.packets import codec, headers
 from tca_wire.packets.headers import Beat, Bye, Closing, Receipt, Refused, ToModule, Unknown
+from tca_wire.packets.large import LARGE
 from tca_wire.vocabulary import Limit, Refusal
 
 log = logging.getLogger("tca.central")
@@ -72,6 +75,7 @@ _OPTIONS = (
     (zmq.TCP_KEEPALIVE_INTVL, 1),
 )
 
+_Tracked = Bye | Receipt | headers.UsesStore
 _BEAT = codec.pack_item(Beat())
 PULSE_PERIOD = 1.0  # seconds between heartbeats on pulses
 BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
@@ -106,6 +110,7 @@ class Daemon:
         memory: Bytes of modules' data that central holds at most.
         tap_depth: Listeners of wiretaps in one chain of messages at most.
         task_depth: Depth of the task tree at most.
+        store: The store of large data, which ``close`` closes (default: none).
     """
 
     def __init__(
@@ -118,6 +123,7 @@ class Daemon:
         memory: int = MEMORY,
         tap_depth: int = TAP_DEPTH,
         task_depth: int = TASK_DEPTH,
+        store: Store | None = None,
     ) -> None:
         self._limits = memory, tap_depth, task_depth
         self.central = central
@@ -129,6 +135,7 @@ class Daemon:
         self._is_kept = False  #: whether ``stop`` was called, and keeps the run
         self._started_at = time.monotonic() - central.clock.now
         self._outboxes = Outboxes(self._send)
+        self._large_bodies = LargeBodies(central, store or Store(), self._outboxes)
         self._too_slow: dict[ConnectionId, str] = {}  #: connections that will be cut, and why
         self._lines = LogLines(log, central, lambda fact: self.stop(fact.by, keep=fact.keep))
         self._next_pulse, self._next_beat = PULSE_PERIOD, BEAT_PERIOD
@@ -215,12 +222,12 @@ class Daemon:
 
     def handle_input(self, event: Input) -> None:
         """Log an input, pass it to the core, carry out its effects. Raises CentralError."""
-        events = events_of(event)
+        events = events_of(event, adopt=self._large_bodies.store.adopt)
         if self.log is not None:
             self.log.add_input(_as_logged(event, events))
         handle = self.central.handle
         for index, one in enumerate(events):
-            if isinstance(one, RequestReceived) and isinstance(one.header, Bye | Receipt):
+            if isinstance(one, RequestReceived) and isinstance(one.header, _Tracked):
                 self._track(one.connection, one.header)
             try:
                 effects = handle(one)
@@ -228,12 +235,15 @@ class Daemon:
                 raise self._internal_error(one, error, index) from error
             self._perform(effects)
 
-    def _track(self, connection: ConnectionId, header: Bye | Receipt) -> None:
-        """Note that a connection will close its sockets, or has read bytes."""
+    def _track(self, connection: ConnectionId, header: _Tracked) -> None:
+        """Note that a connection will close its sockets, has read bytes, or shares memory."""
         if isinstance(header, Bye):
             self._explained += self._count_sockets(connection)
+        elif isinstance(header, headers.UsesStore):
+            self._large_bodies.note_sharing(connection)
         else:
             self._outboxes.credit(connection, header.size)
+            self._large_bodies.credit(connection, header.size)
 
     def _internal_error(self, event: Event, error: Exception, index: int) -> CentralError:
         """Return the error with which central ends after an error of its own (decision 52).
@@ -276,6 +286,7 @@ class Daemon:
             self._apply_gate_changes()
             self._lines.losses.write_due(self.now())
             self._check_pulses()
+            self._large_bodies.sweep()
         clock, now = self.central.clock, self.now()
         if clock.next is not None and now >= min(clock.next, clock.now + TICK_PERIOD):
             self.handle_input(Tick(now))
@@ -285,12 +296,14 @@ class Daemon:
         if self.log is not None:
             try:
                 self.log.flush(self.central)
+                self._large_bodies.store.flush()
             except CentralError as error:
                 self._on_log_failure(error)
         for connection in self._outboxes.send_all():  # the next heartbeats find the loss
             self._has_lost |= connection in self.central.registry.connections
         for connection, size in self._outboxes.drop_beyond(self.central.budget.unread).items():
             self._too_slow[connection] = f"it reads too slowly: {size:,} bytes wait for it"
+        self._large_bodies.store.settle(self.central.registry.modules)
 
     def _on_log_failure(self, error: CentralError) -> None:
         """Continue without a journal if that was asked for; else raise the error."""
@@ -381,6 +394,8 @@ class Daemon:
             self.handle_input(BadBytes(now, connection, self._discard_frames(frame)))
             return
         packet = frame.bytes
+        if len(packet) >= LARGE:
+            packet = self._large_bodies.with_segments(packet)
         if not packet:  # a new connection
             self._ask_identity(connection)
         elif packet != _BEAT:  # a pulse returns heartbeats
@@ -508,6 +523,9 @@ class Daemon:
         """Queue a message for the end of the turn."""
         if self.central.restart_pause.awaited and connection.startswith(AWAY):
             return  # a connection that returns gets its messages again
+        if type(body) is not bytes or type(header) is headers.Welcome:
+            self._large_bodies.enqueue(connection, header, body)
+            return
         self._outboxes.add(connection, codec.pack_in_pieces(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:
@@ -565,6 +583,8 @@ class Daemon:
         self.socket.close()
         self._context.term()
         self._close_wakers()
+        is_kept = not self._is_over and self.log is not None and self.log.keeps_inputs
+        self._large_bodies.store.close(is_over=not is_kept)
         if self._lock >= 0:
             os.close(self._lock)
 

@@ -4,8 +4,6 @@ import itertools
 from collections.abc import Iterable
 from typing import Any
 
-import msgspec
-
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import (
     Connection,
@@ -20,8 +18,9 @@ from tca_central.model.tasks import Task, TaskRecord, place_of
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
-from tca_wire.packets import headers
+from tca_wire.packets import codec, headers
 from tca_wire.packets.headers import Answer
+from tca_wire.packets.large import held_size
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, describe_moments
 from tca_wire.vocabulary import CENTRAL, Limit, Outcome, Refusal
 
@@ -217,7 +216,7 @@ def variables(central: State) -> list[dict[str, Any]]:
         variable = {
             "variable": message.name,
             "value": value.body if len(value.body) <= SHOWN_BYTES else b"",
-            "bytes": len(value.body),
+            "bytes": held_size(value.body),
             "set_by": value.set_by,
             "message": value.message_id,
             "watched_by": _modules(message),
@@ -357,7 +356,7 @@ def on_inspect(central: State, connection: Connection, header: headers.Inspect, 
 
 def _answer(central: State, connection: Connection, number: int, value: Any, what: str) -> None:
     """Answer with a value. Raise RequestError if it is too long; *what* names it in the error."""
-    body = msgspec.msgpack.encode(value)
+    body = codec.encode(value)
     if len(body) > Limit.BODY:
         raise RequestError(Refusal.OVERLOAD, f"{what} has {len(body)} bytes: read the journal")
     central.answer(connection, number, Answer(number), body)

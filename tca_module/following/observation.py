@@ -19,6 +19,7 @@ from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
 from tca_wire.packets.changes import Observe
+from tca_wire.packets.large import is_large
 from tca_wire.packets.parts import StateChange
 from tca_wire.points import TaskId
 from tca_wire.text.measures import numbered
@@ -257,7 +258,7 @@ class Observation:
         while self.request.answers:
             answer, body = self.request.answers.popleft()
             if body:
-                self._on_change(_decode(body))
+                self._on_change(self._opened(_decode(body)))
             elif answer.more:
                 self._on_snapshot_end()
         refused = self.request.refused
@@ -270,6 +271,15 @@ class Observation:
             except (CentralLost, Refused) as error:  # logged: no caller could catch it
                 text = f"{error}; no function is called with these changes any more"
                 self.connection.log.error("%s", text)  # noqa: TRY400
+
+    def _opened(self, change: StateChange) -> StateChange:
+        """Return a change with the memory of its large data."""
+        if not (is_large(change.goal) or is_large(change.data)):
+            return change
+        opened = self.connection.line.large.opened
+        change = msgspec.structs.replace(change, goal=opened(change.goal), data=opened(change.data))
+        self.connection.line.acknowledge([])
+        return change
 
     def _on_change(self, change: StateChange) -> None:
         if change.is_late:

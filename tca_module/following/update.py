@@ -37,7 +37,7 @@ class PendingUpdate:
         self._mirror = mirror
         self._unread = unread  # the changes since before the update was sent
         self._request = request  # for the client's transition, *row*
-        self._goal = request.body
+        self._goal = bytes(request.body)
         self._life_cycle = life_cycle
         self._row = row
         self._is_over = False

@@ -175,6 +175,7 @@ class Connection(Waits):
             session, epoch = self.session, self.session.epoch
             self._wait_for_room()
             self._catch_up_for(header, epoch)
+            body = self.line.stored(header, body)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
             request = session.send(header, body, what)
@@ -191,7 +192,7 @@ class Connection(Waits):
             if self.session.is_welcome:
                 self._wait_for_room()
             self._catch_up_for(header)
-            request = self.session.send(header, body, what)
+            request = self.session.send(header, self.line.stored(header, body), what)
             self.line.flush(0.0, is_patient=True)
             return request
 
@@ -270,6 +271,7 @@ class Connection(Waits):
         """
         with self.locked():
             self._catch_up_for(header)
+            body = self.line.stored(header, body)
             if wants_answer and isinstance(header, headers.Send):
                 request = self.session.ask(header, body)
             else:
@@ -351,6 +353,7 @@ class Connection(Waits):
         """
         with self.locked():
             self._catch_up_for(header)
+            body = self.line.stored(header, body)
             dropped = self.session.dropped
             self.session.post(header, body)
             self.line.flush()
@@ -361,10 +364,18 @@ class Connection(Waits):
                 )
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
-        """Send the outcome of a handler."""
+        """Send the outcome of a handler. Its large data were stored when they were encoded."""
         with self._lock:
+            body = self.line.large.restore(body)
             if not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
+
+    def stored_reply(self, message: Message[Any, Any], reply: Any) -> bytes:
+        """Encode a reply or result, and store its large data at once: their memory may change.
+
+        Raises BadData or Refused.
+        """
+        return self.line.large.store(message.encode_reply(reply), message.title)
 
     def postpone(self, header: headers.Postpone) -> None:
         """Report that a handler has returned, and replies later."""
@@ -451,6 +462,7 @@ class Connection(Waits):
         """Close without a goodbye: central counts unanswered deliveries as failed."""
         with self._lock:
             self.transport.close()
+            self.line.large.close()
 
     @property
     def missing(self) -> int:

@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from tca_module.errors import CentralLost
+from tca_module.large.bodies import LargeBodies
 from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.curve import key_problem
@@ -16,6 +18,9 @@ from tca_module.sockets.transport import (
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
+from tca_wire.packets.headers import Answer, ToCentral, UsesStore, Welcome
+from tca_wire.packets.large import MARK
+from tca_wire.vocabulary import Limit
 
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
@@ -34,6 +39,7 @@ class PacketLine:
         self.clock = clock
         self._log = log_of(session.module)
         self._receipts = Receipts()
+        self.large = LargeBodies()
         #: the length and the end of the last silence in which central left a probe unanswered
         self._last_silence = 0.0, -math.inf
 
@@ -115,18 +121,49 @@ class PacketLine:
     def _process(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
-        now, session = self.clock(), self.session
+        now, session, large = self.clock(), self.session, list[Any]()
         if self._owes_answer(now):
             self._last_silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):
+                if body[:1] == MARK:
+                    large.append(header)
+                    body = self.large.opened(body)  # noqa: PLW2901
                 session.receive(header, body, now)
+                if header.__class__ is Welcome:
+                    self._on_welcome(header)
         except ProtocolError as error:
             self._log.warning(
                 "central at %s sent an invalid packet: %s", self._transport.address, error
             )
+        if large:
+            self.acknowledge([one.number for one in large if isinstance(one, Answer)])
+        self.large.tidy()
         while session.complaints:
             self._log.warning("%s", session.complaints.pop(0))
+
+    def _on_welcome(self, header: Welcome) -> None:
+        """Use the store of the central, which may be another one than before."""
+        session = self.session
+        shares_memory = self.large.on_welcome(header, session.incarnation)
+        session.outgoing = [(one, self.large.restore(body)) for one, body in session.outgoing]
+        if shares_memory:
+            session.outgoing.insert(0, (UsesStore(), b""))
+
+    def stored(self, header: ToCentral, body: bytes) -> bytes:
+        """Return a body that can be sent with a header, see ``LargeBodies.store``."""
+        if body[:1] != MARK:
+            return body
+        name = getattr(header, "message", "") or getattr(header, "variable", "")
+        return self.large.store(body, f"'{name}'" if name else "the message")
+
+    def acknowledge(self, answers: list[int]) -> None:
+        """Report what was read, so that central no longer holds the large data in it.
+
+        *answers*: the requests that are answered.
+        """
+        if self._transport.send(self._receipts.now(answers[: Limit.LIST]), 0.0):
+            self._receipts.sent()
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
         """Send the session's outgoing headers; return whether they left.

@@ -345,8 +345,10 @@ class SteerableTask(TaskIntervals, NamedTask):
         what: object = "the question for the tasks"  # of the whole tree
         if self._tree_id():
             what = self._action(f"the question for the {wanted} of")
-        request = self._connection().ask_central(header, what)
+        connection = self._connection()
+        request, opened = connection.ask_central(header, what), connection.line.large.opened
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
+            row.update(data=opened(row["data"]), result=opened(row["result"]))
             yield TaskInfo.from_row(row, request.epoch)
 
     def _steer(self, header: headers.ToCentral, action: str, body: bytes = b"") -> bool:

@@ -391,6 +391,10 @@ class Task(Sender, TaskNode, ReportingTask):
         if self._link is not None:
             self._link.raise_send_errors(self._origin, wait=False)
 
+    def encode_reply(self, reply: Any) -> bytes:
+        """Return the handler's reply or result as it is sent. Raises BadData or Refused."""
+        return self._own_connection().stored_reply(self._message, reply)
+
     def handler_returned(self) -> None:
         """Record that the handler has returned. This Task sends nothing more."""
         self._link = self.later = None

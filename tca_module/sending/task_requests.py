@@ -234,7 +234,7 @@ class ServerState:
         is_goal = request.row.effect is Effect.NEW_GOAL
         if goal is not None and not is_goal:
             raise MisuseError(f"{request} has no goal: accept() it without one")
-        body = b"" if goal is None else self._message.encode_data(goal)
+        body = b"" if goal is None else self._stored(self._message.encode_data(goal))
         with self._lock:
             if request not in self._open:
                 return False
@@ -308,6 +308,7 @@ class ServerState:
 
     def report(self, body: bytes) -> None:
         """Report an intermediate result. If the task has just been stopped, the result is lost."""
+        body = self._stored(body)
         with self._lock:
             if self.is_over:
                 return
@@ -317,6 +318,10 @@ class ServerState:
                 raise MisuseError(f"{self} can't report(): {text}")
             row = self._transition_with(Effect.RESULT) or rows[0]
             self.take_transition(row.name, body=body)
+
+    def _stored(self, body: bytes) -> bytes:
+        """Store large data at once: another thread may send them, and their memory may change."""
+        return self._connection.line.large.store(body, self)
 
     def stop(self, why: str = "") -> None:
         """End the task at its client's request."""
@@ -422,12 +427,7 @@ class ReportingTask:
         if data is not None and message.progress.kind is type(None):
             text = f"is declared without progress=, and report() was given {data!r:.60}"
             raise MisuseError(f"{message.title} {text}")
-        try:
-            body = message.progress.encode(data)
-        except BadData as error:
-            what = f"the intermediate results of {message.title}"
-            raise BadData(f"{what} are {message.progress}: {error}") from None
-        server_state.report(body)
+        server_state.report(message.encode_progress(data))
 
     def take(self, transition: str, why: str = "") -> None:
         """Make a server's transition of the task's own life cycle.

@@ -134,7 +134,7 @@ class Handler:
             return later
         try:
             reply = Reply(task.delivery, transition=task.ending)
-            return reply, self.message.encode_reply(returned)
+            return reply, task.encode_reply(returned)
         except BadData as error:
             raise Misfit(f"{error} (handler {self.name})") from None
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 from tca_wire.packets.headers import Fail, Replies, Reply
+from tca_wire.packets.large import is_large
 from tca_wire.packets.parts import EndedRun
 
 _MAX_JOINED_BYTES = 64 << 10  # bytes of replies that may share a header
@@ -54,7 +55,7 @@ class HeldReplies:
         for header, body in reversed(items):
             ended = (
                 self.ended.get(header.delivery)
-                if isinstance(header, Reply) and not header.refusals
+                if isinstance(header, Reply) and not (header.refusals or is_large(body))
                 else None
             )
             if runs and (ended is None or size + len(body) > _MAX_JOINED_BYTES):

@@ -12,6 +12,7 @@ from tca_module.session.request import Request, check_fields
 from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
+from tca_wire.packets.large import LargeBody
 from tca_wire.vocabulary import Refusal
 
 _ENDED = headers.Send(0, "")  # replaces the header of a send that is over
@@ -85,6 +86,8 @@ class OpenRequests:
         self.requests.pop(request.header.number, None)
         request.is_over = True
         request.why_lost = why_lost or request.why_lost
+        if isinstance(request.body, LargeBody):
+            request.body = b""  # frees its segment
         if request.what:
             self._finish_send(request)
         if request.on_over is not None:

@@ -9,12 +9,14 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import accumulate
 from pathlib import Path
+from shutil import rmtree
 from typing import NamedTuple
 
 from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.journal.journals import is_closed, runs_in
 from tca_tools.journal.segments import Folder, listed, segments_in
 from tca_wire.endpoint import by_number, run_number
+from tca_wire.packets.large import DATA_FOLDER, HELD_FOLDER
 
 
 class StoredRun(NamedTuple):
@@ -25,6 +27,8 @@ class StoredRun(NamedTuple):
     folder: Path
     files: list[Path]
     """The last are its segments, oldest first."""
+    data: list[Path]
+    """The folders with its large data."""
     size: int
     """In bytes."""
     ended: float
@@ -86,8 +90,18 @@ def _runs_in(journal: Path) -> Iterator[StoredRun]:
         stats = [path.stat() for path in files[opened.epoch] if path.exists()]
         ended = max(one.st_mtime for one in stats)
         why_retained = "a central writes it" if log.is_being_written else ""
-        size = sum(one.st_size for one in stats)
-        yield StoredRun(name, journal, files[opened.epoch], size, ended, why_retained)
+        data = [journal / kind / opened.epoch for kind in (DATA_FOLDER, HELD_FOLDER)]
+        size = sum(one.st_size for one in stats) + sum(map(_bytes_in, data))
+        yield StoredRun(name, journal, files[opened.epoch], data, size, ended, why_retained)
+
+
+def _bytes_in(folder: Path) -> int:
+    """Return the bytes of all files below a folder, which may be missing."""
+    total = 0
+    for path in folder.rglob("*"):
+        with suppress(OSError):  # a central has just removed it
+            total += path.stat().st_size if path.is_file() else 0
+    return total
 
 
 def superfluous(
@@ -112,6 +126,11 @@ def remove(run: StoredRun, *, with_folder: bool) -> None:
     The last segment goes last: it marks the run as closed, so the rest is never continued.
     """
     try:
+        for folder in run.data:
+            if folder.exists():
+                rmtree(folder)
+                with suppress(OSError):
+                    folder.parent.rmdir()
         for path in run.files:
             path.unlink(missing_ok=True)
     except OSError as error:

@@ -65,7 +65,16 @@ class _EntryHead(msgspec.Struct, array_like=True):
 
 
 _UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
-_encode = msgspec.msgpack.Encoder().encode
+
+
+def _plain_bytes(value: object) -> bytes:
+    """Return a large body, whose class is derived from bytes, as plain bytes."""
+    if isinstance(value, bytes):
+        return bytes(value)
+    raise TypeError(f"Encoding objects of type {type(value).__name__} is unsupported")
+
+
+_encode = msgspec.msgpack.Encoder(enc_hook=_plain_bytes).encode
 _decode = msgspec.msgpack.Decoder(Entry).decode
 _decode_loosely = msgspec.msgpack.Decoder(_LooseEntry).decode
 _decode_head = msgspec.msgpack.Decoder(_EntryHead).decode

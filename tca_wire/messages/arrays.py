@@ -1,17 +1,85 @@
 """Numpy arrays and numbers as MessagePack: each dtype arrives unchanged, or is refused by name.
 
+An array of LARGE bytes and more is a *part* beside the MessagePack, which refers to it. Arrays
+arrive read-only.
+
 numpy is not imported here: an array brings its own methods, and a type that names numpy has
 imported it already.
 """
 
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any, get_args, get_origin
 
 import msgspec
 
+from tca_wire.packets.large import ALIGNMENT, LARGE
+from tca_wire.vocabulary import Limit
+
 _NDARRAY = 1  # MessagePack extension type: [description of the dtype, shape, bytes in C order]
+_LARGE_ARRAY = 2  # the same: [description of the dtype, shape, offset, size] of its part
 # Python and MessagePack hold numbers of these kinds of dtype exactly, up to this size in bytes.
 _NUMBERS, _LARGEST = "biuf", 8
+
+
+PartOf = Callable[[int, int], memoryview]
+"""Returns the part at an offset, of a size. Raises msgspec.ValidationError if there is none."""
+
+
+class _Parts(threading.local):
+    """The parts of the value that a thread encodes or decodes: msgspec's hooks get no context."""
+
+    def __init__(self) -> None:
+        self.collected: list[memoryview] = []  #: of the value that is being encoded
+        self.size = 0  #: the bytes of the collected parts
+        self.find: PartOf | None = None  #: finds those of the value that is being decoded
+
+
+_parts = _Parts()
+
+
+def padded(size: int) -> int:
+    """Return the offset at which a part can begin that follows *size* bytes."""
+    return -(-size // ALIGNMENT) * ALIGNMENT
+
+
+def too_large(size: int, most: int) -> str:
+    """Return the error for data of *size* bytes."""
+    return f"{size} bytes: a message holds at most {most:d}; send a reference instead"
+
+
+def collected_parts() -> list[memoryview]:
+    """Return the large arrays that this thread has encoded since the last call."""
+    if not (found := _parts.collected):  # the usual case, fast
+        return found
+    _parts.collected, _parts.size = [], 0
+    return found
+
+
+@contextmanager
+def finding(find: PartOf | None) -> Iterator[None]:
+    """Return a block in which this thread decodes arrays with the parts that *find* returns."""
+    before, _parts.find = _parts.find, find
+    try:
+        yield
+    finally:
+        _parts.find = before
+
+
+def slices_of(content: memoryview) -> PartOf:
+    """Return the function that finds the parts of a segment with this content."""
+
+    def part(offset: int, size: int) -> memoryview:
+        if offset < 0 or size < 0 or offset + size > len(content):
+            raise msgspec.ValidationError(
+                f"damaged data ({size} bytes at {offset} of {len(content)})"
+            )
+        return content[offset : offset + size]
+
+    return part
 
 
 def is_array_type(kind: Any) -> bool:
@@ -31,6 +99,8 @@ def encode_custom(value: Any) -> Any:
     if isinstance(value, int):
         return int(value)
     if is_array_type(type(value)):
+        if value.nbytes >= LARGE:
+            return _reference_to(value)
         content = [_description(value.dtype), value.shape, value.tobytes()]
         return msgspec.msgpack.Ext(_NDARRAY, msgspec.msgpack.encode(content))
     dtype: Any = getattr(value, "dtype", None)
@@ -38,6 +108,20 @@ def encode_custom(value: Any) -> Any:
         return value.item()
     suffix = f" (dtype {dtype})" if dtype is not None else ""
     raise TypeError(f"objects of type {type(value).__name__}{suffix} can't be sent")
+
+
+def _reference_to(array: Any) -> msgspec.msgpack.Ext:
+    """Collect a large array as a part; return the reference to it. Raises TypeError."""
+    description, shape = _description(array.dtype), array.shape
+    offset = padded(_parts.size)
+    if offset + array.nbytes > Limit.LARGE:
+        raise OverflowError(too_large(offset + array.nbytes, Limit.LARGE))
+    if not array.flags.c_contiguous:
+        array = array.copy(order="C")
+    _parts.collected.append(memoryview(array.reshape(-1).view("u1")))
+    _parts.size = offset + array.nbytes
+    reference = [description, shape, offset, array.nbytes]
+    return msgspec.msgpack.Ext(_LARGE_ARRAY, msgspec.msgpack.encode(reference))
 
 
 def _description(dtype: Any) -> Any:
@@ -57,8 +141,14 @@ def _description(dtype: Any) -> Any:
 
 
 def _dtype(description: Any) -> Any:
-    numpy: Any = sys.modules["numpy"]
-    return numpy.lib.format.descr_to_dtype(_with_tuples(description))
+    if isinstance(description, str):
+        return _simple_dtype(description)
+    return sys.modules["numpy"].lib.format.descr_to_dtype(_with_tuples(description))
+
+
+@lru_cache(256)
+def _simple_dtype(description: str) -> Any:
+    return sys.modules["numpy"].lib.format.descr_to_dtype(description)
 
 
 def _with_tuples(description: Any) -> Any:
@@ -73,20 +163,30 @@ def _with_tuples(description: Any) -> Any:
 
 
 def decode_array(code: int, data: memoryview) -> Any:
-    """Return the array that an extension holds.
+    """Return the array that an extension holds, or refers to; it is read-only.
 
-    Raises msgspec.ValidationError if its bytes are damaged.
+    Without numpy or the array's part, return a description. Raises msgspec.ValidationError if the
+    bytes are damaged.
     """
-    if code != _NDARRAY:
-        return msgspec.msgpack.Ext(code, bytes(data))
-    description, shape, content = msgspec.msgpack.decode(
-        data, type=tuple[str | list[Any], tuple[int, ...], bytes]
-    )
     numpy: Any = sys.modules.get("numpy")
-    if numpy is None:  # a tool without numpy still shows the type and shape
-        return {"dtype": description, "shape": shape}
+    content: bytes | memoryview
+    if code == _NDARRAY:
+        description, shape, content = msgspec.msgpack.decode(
+            data, type=tuple[str | list[Any], tuple[int, ...], bytes]
+        )
+        if numpy is None:  # a tool without numpy still shows the type and shape
+            return {"dtype": description, "shape": shape}
+    elif code == _LARGE_ARRAY:
+        description, shape, offset, size = msgspec.msgpack.decode(
+            data, type=tuple[str | list[Any], tuple[int, ...], int, int]
+        )
+        if numpy is None or _parts.find is None:
+            return {"dtype": description, "shape": shape, "bytes": size}
+        content = _parts.find(offset, size)
+    else:
+        return msgspec.msgpack.Ext(code, bytes(data))
     try:
-        return numpy.frombuffer(bytearray(content), dtype=_dtype(description)).reshape(shape)
+        return numpy.frombuffer(content, dtype=_dtype(description)).reshape(shape)
     except (ValueError, TypeError) as error:
         raise msgspec.ValidationError(f"damaged array ({error})") from None
 

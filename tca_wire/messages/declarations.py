@@ -18,6 +18,7 @@ from tca_wire.life_cycles import GENERAL, LifeCycle
 from tca_wire.messages.failures import misspelt
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
+from tca_wire.messages.large_data import inline
 from tca_wire.messages.message import D, Declaring, Message, R, checked_name, format_of
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass
@@ -46,6 +47,7 @@ class Inform(Message[D, None]):
     Args:
         name: the message's name.
         data: the type of its data (None: no data).
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name or type is not usable.
@@ -59,13 +61,13 @@ class Inform(Message[D, None]):
     message_class = MessageClass.INFORM
 
     @overload
-    def __init__(self: "Inform[None]", name: str) -> None: ...
+    def __init__(self: "Inform[None]", name: str, *, journal: bool = False) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D]) -> None: ...
+    def __init__(self, name: str, data: type[D], *, journal: bool = False) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any) -> None: ...
-    def __init__(self, name: str, data: Any = None) -> None:
-        super().__init__(name, data)
+    def __init__(self, name: str, data: Any, *, journal: bool = False) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, journal: bool = False) -> None:
+        super().__init__(name, data, journal=journal)
 
 
 class Broadcast(Message[D, None]):
@@ -74,6 +76,7 @@ class Broadcast(Message[D, None]):
     Args:
         name: the message's name.
         data: the type of its data (None: no data).
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name or type is not usable.
@@ -82,13 +85,13 @@ class Broadcast(Message[D, None]):
     message_class = MessageClass.BROADCAST
 
     @overload
-    def __init__(self: "Broadcast[None]", name: str) -> None: ...
+    def __init__(self: "Broadcast[None]", name: str, *, journal: bool = False) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D]) -> None: ...
+    def __init__(self, name: str, data: type[D], *, journal: bool = False) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any) -> None: ...
-    def __init__(self, name: str, data: Any = None) -> None:
-        super().__init__(name, data)
+    def __init__(self, name: str, data: Any, *, journal: bool = False) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, journal: bool = False) -> None:
+        super().__init__(name, data, journal=journal)
 
 
 class Query(Message[D, R]):
@@ -98,6 +101,7 @@ class Query(Message[D, R]):
         name: the message's name.
         data: the type of its data (None: no data).
         reply: the type of the reply.
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name or a type is not usable.
@@ -111,13 +115,19 @@ class Query(Message[D, R]):
     message_class = MessageClass.QUERY
 
     @overload
-    def __init__(self: "Query[None, R]", name: str, *, reply: type[R]) -> None: ...
+    def __init__(
+        self: "Query[None, R]", name: str, *, reply: type[R], journal: bool = False
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D], *, reply: type[R]) -> None: ...
+    def __init__(
+        self, name: str, data: type[D], *, reply: type[R], journal: bool = False
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None: ...
-    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None:
-        super().__init__(name, data, reply)
+    def __init__(
+        self, name: str, data: Any = None, *, reply: Any, journal: bool = False
+    ) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, reply: Any, journal: bool = False) -> None:
+        super().__init__(name, data, reply, journal=journal)
 
 
 class MultiQuery(Message[D, R]):
@@ -127,6 +137,7 @@ class MultiQuery(Message[D, R]):
         name: the message's name.
         data: the type of its data (None: no data).
         reply: the type of each reply.
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name or a type is not usable.
@@ -135,13 +146,19 @@ class MultiQuery(Message[D, R]):
     message_class = MessageClass.MULTI_QUERY
 
     @overload
-    def __init__(self: "MultiQuery[None, R]", name: str, *, reply: type[R]) -> None: ...
+    def __init__(
+        self: "MultiQuery[None, R]", name: str, *, reply: type[R], journal: bool = False
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D], *, reply: type[R]) -> None: ...
+    def __init__(
+        self, name: str, data: type[D], *, reply: type[R], journal: bool = False
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None: ...
-    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None:
-        super().__init__(name, data, reply)
+    def __init__(
+        self, name: str, data: Any = None, *, reply: Any, journal: bool = False
+    ) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, reply: Any, journal: bool = False) -> None:
+        super().__init__(name, data, reply, journal=journal)
 
 
 class TaskMessage(Message[D, R]):
@@ -159,8 +176,10 @@ class TaskMessage(Message[D, R]):
         progress: Any,
         life_cycle: LifeCycle,
         retry: "Retry | None",
+        *,
+        journal: bool,
     ) -> None:
-        super().__init__(name, data, result)
+        super().__init__(name, data, result, journal=journal)
         self.progress: Format[Any] = format_of(
             progress, f"the intermediate results of {self.title}"
         )
@@ -185,6 +204,14 @@ class TaskMessage(Message[D, R]):
             super().format, progress=progress, life_cycle=life_cycle, retry=self._policy
         )
 
+    def encode_progress(self, data: Any) -> bytes:
+        """Encode an intermediate result. Raises BadData, naming message and field."""
+        try:
+            return self.kept(self.progress.encode(data))
+        except BadData as error:
+            what = f"the intermediate results of {self.title}"
+            raise BadData(f"{what} are {self.progress}: {error}") from None
+
     @property
     def needs(self) -> Sequence[Message[Any, Any]]:
         """The messages that must be declared before this one: its fallback."""
@@ -197,6 +224,7 @@ class _TaskOptions(TypedDict, total=False):
     progress: Any
     life_cycle: LifeCycle
     retry: "Retry | None"
+    journal: bool
 
 
 class Goal(TaskMessage[D, None]):
@@ -208,6 +236,7 @@ class Goal(TaskMessage[D, None]):
         progress: the type of its intermediate results (None: it reports none).
         life_cycle: the states of the task, by default ``GENERAL``.
         retry: how its tasks are retried, unless their sender gives another ``Retry`` (None: not).
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name, a type or the life cycle is not usable.
@@ -238,8 +267,9 @@ class Goal(TaskMessage[D, None]):
         progress: Any = None,
         life_cycle: LifeCycle = GENERAL,
         retry: "Retry | None" = None,
+        journal: bool = False,
     ) -> None:
-        super().__init__(name, data, None, progress, life_cycle, retry)
+        super().__init__(name, data, None, progress, life_cycle, retry, journal=journal)
 
 
 class Command(TaskMessage[D, R]):
@@ -252,6 +282,7 @@ class Command(TaskMessage[D, R]):
         progress: the type of its intermediate results (None: it reports none).
         life_cycle: the states of the task, by default ``GENERAL``.
         retry: how its tasks are retried, unless their sender gives another ``Retry`` (None: not).
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name, a type or the life cycle is not usable.
@@ -291,8 +322,9 @@ class Command(TaskMessage[D, R]):
         progress: Any = None,
         life_cycle: LifeCycle = GENERAL,
         retry: "Retry | None" = None,
+        journal: bool = False,
     ) -> None:
-        super().__init__(name, data, result, progress, life_cycle, retry)
+        super().__init__(name, data, result, progress, life_cycle, retry, journal=journal)
 
 
 class Variable(Message[D, None]):
@@ -305,6 +337,7 @@ class Variable(Message[D, None]):
     Args:
         name: the variable's name.
         data: the type of its value.
+        journal: also keep data of 64 KiB and more on the disk, for the tools. Default: False.
 
     Raises:
         BadFormat: the name or type is not usable.
@@ -318,11 +351,11 @@ class Variable(Message[D, None]):
     message_class = MessageClass.VARIABLE
 
     @overload
-    def __init__(self, name: str, data: type[D]) -> None: ...
+    def __init__(self, name: str, data: type[D], *, journal: bool = False) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any) -> None: ...
-    def __init__(self, name: str, data: Any) -> None:
-        super().__init__(name, data)
+    def __init__(self, name: str, data: Any, *, journal: bool = False) -> None: ...
+    def __init__(self, name: str, data: Any, *, journal: bool = False) -> None:
+        super().__init__(name, data, journal=journal)
 
 
 class Failure(Generic[D], metaclass=Declaring):
@@ -390,7 +423,7 @@ class Failure(Generic[D], metaclass=Declaring):
             msg = f"the text of failure '{self.name}' must be a str, not {text!r:.60}"
             raise BadData(msg)
         try:
-            return FailureRaised(self.name, text, self.data.encode(data), self.kinds)
+            return FailureRaised(self.name, text, inline(self.data.encode(data)), self.kinds)
         except BadData as error:
             msg = f"failure '{self.name}' wants data of type {self.data}: {error}"
             raise BadData(msg) from None
@@ -474,7 +507,7 @@ class Retry(metaclass=Declaring):
             attempt_timeout or 0,
             [one.name for one in failures],
             self.fallback.name if self.fallback is not None else "",
-            self.fallback.encode_data(data[0]) if self.fallback is not None and data else b"",
+            inline(self.fallback.encode_data(data[0])) if self.fallback and data else b"",
         )
 
     @classmethod

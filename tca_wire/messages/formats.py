@@ -7,9 +7,17 @@ from typing import Any, Generic, TypeVar, get_args
 import msgspec
 
 from tca_wire.errors import BadData, BadFormat
-from tca_wire.messages.arrays import decode_array, decode_custom, encode_custom, without_content
+from tca_wire.messages.arrays import (
+    collected_parts,
+    decode_array,
+    decode_custom,
+    encode_custom,
+    finding,
+    without_content,
+)
+from tca_wire.messages.large_data import LargeData, described, referred
 from tca_wire.messages.schemas import schema_text
-from tca_wire.vocabulary import Limit
+from tca_wire.packets.large import LARGE, is_large
 
 T = TypeVar("T")
 
@@ -63,14 +71,17 @@ class Format(Generic[T]):
         return type_name(self.kind)
 
     def encode(self, value: T) -> bytes:
-        """Encode *value*. Raises BadData, naming the field, if the receiver could not read it."""
+        """Encode *value*; as LargeData, if it has LARGE bytes or more.
+
+        Raises BadData, naming the field, if the receiver could not read it.
+        """
         try:
             data = self._encoder.encode(value)
         except _UNFIT as error:
+            collected_parts()
             raise BadData(f"{error}") from None
-        if len(data) > Limit.BODY:
-            limit = f"a message holds at most {Limit.BODY:d}"
-            raise BadData(f"{len(data)} bytes: {limit}; send a reference instead")
+        if (parts := collected_parts()) or len(data) >= LARGE:
+            data = LargeData(data, parts)
         if type(value) is not self._always_readable:
             read = self.decode(data)  # msgspec checks types only when it decodes
             if self._has_fields and (loss := _first_loss(value, read)):
@@ -78,9 +89,18 @@ class Format(Generic[T]):
         return data
 
     def decode(self, data: bytes) -> T:
-        """Decode a value. Raises BadData, naming the field, if it is not a T."""
+        """Decode a value. Raises BadData, naming the field, if it is not a T.
+
+        Also raises it if the value has large data that are gone.
+        """
+        value: T
         try:
-            value: T = self._decoder.decode(data)
+            if is_large(data):
+                packed, part = referred(data)
+                with finding(part):
+                    value = self._decoder.decode(packed)
+            else:
+                value = self._decoder.decode(data)
         except _UNFIT as error:
             raise BadData(f"{error}") from None
         return value
@@ -93,9 +113,18 @@ def type_name(kind: Any) -> str:
 
 
 def decode_untyped(data: bytes) -> Any:
-    """Decode user data of unknown type to plain Python values; for tools. Raises BadData."""
+    """Decode user data of unknown type to plain Python values; for tools. Raises BadData.
+
+    Large data that this program has not opened are described by their dtype, shape and bytes.
+    """
+    if not data:
+        return None
     try:
-        return msgspec.msgpack.decode(data, ext_hook=decode_array) if data else None
+        if not is_large(data):
+            return msgspec.msgpack.decode(data, ext_hook=decode_array)
+        packed, part = described(data)
+        with finding(part):
+            return msgspec.msgpack.decode(packed, ext_hook=decode_array)
     except _UNFIT as error:
         raise BadData(f"{error}") from None
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.formats import Format
+from tca_wire.messages.large_data import LargeData
+from tca_wire.packets.large import Keep
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import Limit, MessageClass, is_name
 
@@ -74,12 +76,17 @@ class Message(Generic[D, R], metaclass=Declaring):
 
     message_class: ClassVar[MessageClass]
 
-    def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
+    def __init__(
+        self, name: str, data: Any = None, reply: Any = None, *, journal: bool = False
+    ) -> None:
         self.name = checked_name(name)
         self.title = f"{self.message_class} '{name}'"  #: for errors
         self.data: Format[D] = format_of(data, f"the data of {self.title}")
         reply_of = f"the {'result' if self.message_class.is_task else 'reply'} of {self.title}"
         self.reply: Format[R] = format_of(reply, reply_of)
+        if not isinstance(journal, bool):
+            raise BadFormat(f"journal= of {self.title} must be True or False, not {journal!r:.60}")
+        self.journal = journal
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
@@ -100,7 +107,8 @@ class Message(Generic[D, R], metaclass=Declaring):
             msg = f"{self.title} is declared without data, but got {data!r:.60}"
             raise BadData(msg)
         try:
-            return self.data.encode(data)
+            why = Keep.TASK if self.message_class.is_task else Keep.NOTHING
+            return self.kept(self.data.encode(data), why)
         except BadData as error:
             msg = f"{self.title} wants data of type {self.data}: {error}"
             raise BadData(msg) from None
@@ -116,7 +124,7 @@ class Message(Generic[D, R], metaclass=Declaring):
     def encode_reply(self, reply: R) -> bytes:
         """Encode a handler's return value. Raises BadData, naming message and field."""
         try:
-            return self.reply.encode(reply)
+            return self.kept(self.reply.encode(reply))
         except BadData as error:
             msg = f"the handler of {self.title} must return {self.reply}: {error}"
             raise BadData(msg) from None
@@ -128,6 +136,12 @@ class Message(Generic[D, R], metaclass=Declaring):
         except BadData as error:
             msg = f"the answer to {self.title} is not of type {self.reply}: {error}"
             raise BadData(msg) from None
+
+    def kept(self, body: bytes, why: Keep = Keep.NOTHING) -> bytes:
+        """Note in a body with large data why these are also written to the disk. Return it."""
+        if isinstance(body, LargeData):
+            body.keep = why | Keep.JOURNAL if self.journal else why
+        return body
 
 
 def with_needed(messages: Iterable[Message[Any, Any]]) -> Iterator[Message[Any, Any]]:

@@ -24,8 +24,13 @@ _COPIED = 4096  # bytes: copying a smaller body is cheaper than a second piece
 _SHORT = 96  # bytes: a shorter item or header can't have many entries
 
 
-def plain(value: Any) -> float:
-    """Return a number of a user-defined type as a plain number: its ``on_wire`` value, if any."""
+def plain(value: Any) -> float | bytes:
+    """Return a number of a user-defined type as a plain number: its ``on_wire`` value, if any.
+
+    Return a large body, whose class is derived from bytes, as plain bytes.
+    """
+    if isinstance(value, bytes):
+        return bytes(value)
     if isinstance(value, int):
         return getattr(value, "on_wire", None) or int(value)
     if isinstance(value, float):
@@ -33,7 +38,7 @@ def plain(value: Any) -> float:
     raise TypeError(f"Encoding objects of type {type(value).__name__} is unsupported")
 
 
-_encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
+encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
 
 # The errors of msgspec on hostile bytes; the last two are not subclasses of MsgspecError.
 _BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
@@ -41,7 +46,7 @@ _BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
     """Return one item. Packets are concatenated items."""
-    encoded = _encode(header)
+    encoded = encode(header)
     return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
 
 
@@ -49,7 +54,7 @@ def pack_in_pieces(header: msgspec.Struct, body: bytes) -> list[bytes]:
     """Return the pieces of one item; a large body is not copied."""
     if len(body) < _COPIED:
         return [pack_item(header, body)]
-    encoded = _encode(header)
+    encoded = encode(header)
     return [_LENGTHS.pack(len(encoded), len(body)) + encoded, body]
 
 
@@ -182,7 +187,7 @@ _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 def misfit(header: Any) -> str:
     """Return the error that central would find in the fields of a header, or ""."""
     try:
-        encoded = _encode(header)
+        encoded = encode(header)
         if len(encoded) > Limit.HEADER:
             return f"it has {len(encoded):,} bytes beside its data: the limit is {Limit.HEADER:,}"
         _decode_header(encoded)

@@ -263,6 +263,15 @@ class Receipt(WireArray, frozen=True, tag=50):
     """
 
     size: int
+    answers: Annotated[list[int], MANY] = []
+    """Requests whose answers had large data and are read: central need not store them any more."""
+
+
+class UsesStore(WireArray, frozen=True, tag=67):
+    """This module shares memory with central: it has read the key in the folder ``Welcome.store``.
+
+    Until central has this header, it sends the bytes behind each handle.
+    """
 
 
 class Bye(WireArray, frozen=True, tag=12):
@@ -423,7 +432,7 @@ class EndCentral(Numbered, frozen=True, tag=56):
 
 
 _OfRuns = WaitUntilHandled | GoOn | EndCentral
-_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask
+_OfConnections = Hello | Register | Unregister | Bye | Receipt | UsesStore | Ask
 _OfMessages = Send | Reply | Replies | Fail | Postpone | Recalled | GiveUp | Await | AwaitAny
 _OfTasks = Constrain | AwaitPoint | Kill | Retry | Suspend | Deadline | Inspect | Keep
 _OfStates = ChangeState | Observe
@@ -454,6 +463,11 @@ class Welcome(Numbered, frozen=True, tag=33):
     version: int
     module: str
     epoch: str
+    store: str = ""
+    """The folder of shared memory for large data; "": central has none.
+
+    Its file "key" holds *epoch*, if the module shares memory with central.
+    """
 
 
 class Accepted(Numbered, frozen=True, tag=34):

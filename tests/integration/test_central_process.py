@@ -119,7 +119,7 @@ def test_malformed_packets_do_not_disturb_other_clients(tmp_path: Path) -> None:
         enemy.connect(daemon.address)
         hello = codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "enemy", "x"), b"")])
         future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
-        send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
+        send = codec.pack([(headers.Send(2, "square"), b"\xd9\xc1")])
         enemy.send(send)
         assert enemy.poll(20_000), "frames sent before the connection would be lost on close"
         for frames in (

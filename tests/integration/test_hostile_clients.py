@@ -184,7 +184,7 @@ def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: RawConnec
         MessageFormat("../walk", MessageClass.GOAL, "{}"),
     ]
     rogue.ask(pack_item(Register(2, formats)))
-    sent = rogue.ask(pack_item(Send(3, "walk"), b"\xc1\xff" + ESCAPES.encode()))
+    sent = rogue.ask(pack_item(Send(3, "walk"), b"\xd9\xff" + ESCAPES.encode()))
     rogue.ask(pack_item(Send(4, ESCAPES * 1000)))
     for command in (status, modules, messages, variables, attached):
         code, output, errors = ask(command, "--central", daemon.address)

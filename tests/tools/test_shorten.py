@@ -257,6 +257,22 @@ def test_prune_removes_old_runs_with_their_inputs_and_images(tca: Tca, tmp_path:
     assert "1 run left" in result.stdout
 
 
+def test_prune_removes_the_large_data_of_old_runs(tca: Tca, tmp_path: Path) -> None:
+    folder = tmp_path / "robot"
+    for number, (epoch, ended) in enumerate((("old", 40), ("new", 2))):
+        run(folder, epoch, 2 * number + 1, ended=ended)
+        for kind in ("data", "held"):
+            path = folder / kind / epoch / "a1" / "7"
+            path.parent.mkdir(parents=True)
+            path.write_bytes(bytes(3 << 20))
+    result = tca("log", "prune", folder, "--keep", "30d")
+    assert "1 run removed (6 MiB)" in result.stdout
+    left = [name for name in remaining_files(folder) if "/" in name]
+    assert left == ["data/new/a1/7", "held/new/a1/7"]
+    assert tca("log", "prune", folder, "--keep", "1h").exit_code == 0
+    assert not folder.exists() or remaining_files(folder) == []
+
+
 def test_prune_removes_oldest_runs_down_to_the_size(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     runs = [run(folder, f"run{number}", 2 * number + 1, ended=9.0 - number) for number in range(4)]

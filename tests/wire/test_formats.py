@@ -77,13 +77,14 @@ def test_value_survives_encoding_and_decoding(kind: Any, value: Any) -> None:
     assert data.decode(data.encode(value)) == value
 
 
-def test_numpy_array_arrives_unchanged_and_writable() -> None:
+def test_numpy_array_arrives_unchanged_and_read_only() -> None:
     data = Format[Scan](Scan)
     sent = Scan(np.arange(6, dtype=np.float32).reshape(2, 3)[:, ::2], b"raw")
     received = data.decode(data.encode(sent))
     assert np.array_equal(received.heights, sent.heights)
     assert received.heights.dtype == np.float32
-    received.heights[0, 0] = 5
+    with pytest.raises(ValueError, match="read-only"):
+        received.heights[0, 0] = 5
 
 
 STRUCTURED = np.dtype(

@@ -1,0 +1,352 @@
+"""The folder of shared memory with large data: its life, and the segments that central holds.
+
+Central holds a segment while a ``StoredBody`` with its name exists. The name of the segment's file
+tells its state to senders and to the next central (decision 125). Files are renamed at the end of a
+turn, when the log of the turn has been written.
+"""
+
+import contextlib
+import fcntl
+import logging
+import os
+import re
+import shutil
+import stat
+import time
+from collections.abc import Container, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from tca_central.shell.kept_data import KeptData
+from tca_central.shell.log_writer import lock
+from tca_wire.errors import ProtocolError
+from tca_wire.packets.large import Handle, Keep, LargeBody, pack_handle, unpack_handle
+
+log = logging.getLogger("tca.central")
+
+ROOT = Path("/dev/shm")  # noqa: S108 - the folder inside is private
+KEY = "key"
+"""The file that holds the epoch. A module that can read it shares memory with central."""
+
+_INCARNATION = re.compile(r"[0-9a-f]{1,32}")
+OWN = "0"
+"""The folder of segments that central itself makes, in place of an incarnation."""
+
+_KEPT = int(Keep.TASK | Keep.JOURNAL)
+NEW, FREE = ".new", ".free"
+
+ORPHANED = 30.0
+"""Seconds after a restart for which segments stay that no message of the state refers to.
+
+A module repeats the request that brought a segment, if the crash lost it.
+"""
+
+
+class StoredBody(LargeBody):
+    """A large body of central. Its end is reported to the store."""
+
+    name = ""  #: the name of its segment
+    ended: list[str]  #: gets the name at the end
+
+    def __del__(self) -> None:
+        """Report the end. The store works on it later: this may happen anywhere, in any thread."""
+        self.ended.append(self.name)
+
+
+class _Held(NamedTuple):
+    """A segment that central holds."""
+
+    size: int
+    keep: int  #: the flags of all its bodies
+    bodies: int  #: the number of bodies with its name, and of copies to the disk in progress
+
+
+class Store:
+    """The segments of one run.
+
+    It has no folder until ``open``, and if memory can't be shared.
+
+    Args:
+        root: The folder of the computer's shared memory.
+    """
+
+    def __init__(self, root: Path | None = None) -> None:
+        self._root = root or ROOT
+        self.folder: Path | None = None
+        self._lock = -1
+        self._held: dict[str, _Held] = {}  #: by name
+        self._ended: list[str] = []  #: names of bodies that have ended
+        #: Incarnations that share memory: each has a folder, which tells the next central.
+        self._sharing: set[str] = set()
+        self._orphans: dict[str, float] = {}  #: by name: when to release it
+        self._made = 0  #: the number of the newest segment of central itself
+        self._kept: KeptData | None = None
+
+    # --- the folder -------------------------------------------------------------------------------
+
+    def open(self, epoch: str, kept: KeptData | None = None) -> None:
+        """Create the folder of a run, or continue with it. Remove the folders of dead centrals.
+
+        Args:
+            epoch: The run.
+            kept: Copies segments to the disk; None: nothing is copied.
+        """
+        folder = self._root / f"tca-{os.getuid()}-{epoch}"
+        try:
+            self._lock = _locked_folder(folder)
+            (folder / KEY).write_text(epoch)
+            (folder / OWN).mkdir(exist_ok=True, mode=0o700)
+        except OSError as error:
+            log.info("no shared memory for large data: %s", error)
+            self._close_lock()
+            return
+        self.folder, self._kept = folder, kept
+        if kept is not None:
+            kept.start(self.is_needed)
+        self._made = time.time_ns() // 1000
+        _remove_dead(self._root, folder)
+        self._reconcile()
+
+    def _reconcile(self) -> None:
+        """Adapt the files to a recovered state, which counts as no messages in a new run."""
+        self._count_ended()
+        for name, held in list(self._held.items()):
+            self._mark_held(name)
+            if self._kept is not None and not self._path(name).exists():
+                self._kept.restore(name, self._path(name))
+            self._keep(name, held.keep)
+        if self._kept is not None:
+            self._kept.remove_all_but(self._held)
+        self._sharing.update(self._incarnations())
+        due = time.monotonic() + ORPHANED
+        for incarnation in self._incarnations():
+            for file in _names_in(self._folder / incarnation):
+                if file.isdecimal() and (name := f"{incarnation}/{file}") not in self._held:
+                    self._orphans[name] = due
+                elif incarnation == OWN and file.endswith(NEW):
+                    (self._folder / OWN / file).unlink()
+
+    def close(self, *, is_over: bool) -> None:
+        """Stop. If the run *is_over*, remove the folder."""
+        if self._kept is not None:
+            self._kept.close(is_over=is_over)
+        if self.folder is not None and is_over:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder = None
+        self._close_lock()
+
+    def _close_lock(self) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+    @property
+    def _folder(self) -> Path:
+        assert self.folder is not None
+        return self.folder
+
+    def _path(self, name: str) -> Path:
+        return self._folder / name
+
+    def _incarnations(self) -> Iterator[str]:
+        """Yield the names of the folders of modules, and of central's own."""
+        for entry in list(os.scandir(self._folder)):
+            if entry.is_dir(follow_symlinks=False):
+                yield entry.name
+
+    def add_module(self, incarnation: str) -> None:
+        """Note that a module shares memory, and make its folder."""
+        if self.folder is not None and _INCARNATION.fullmatch(incarnation):
+            with contextlib.suppress(OSError):
+                (self.folder / incarnation).mkdir(exist_ok=True, mode=0o700)
+                self._sharing.add(incarnation)
+
+    def is_shared_with(self, incarnation: str) -> bool:
+        """Whether a module shares memory."""
+        return incarnation in self._sharing
+
+    # --- segments ---------------------------------------------------------------------------------
+
+    @property
+    def held_bytes(self) -> int:
+        """The bytes of the segments that central holds."""
+        return sum(held.size for held in self._held.values())
+
+    def adopt(self, body: bytes) -> bytes:
+        """Return a large body as one that holds its segment. The core gets this one."""
+        try:
+            handle, _ = unpack_handle(body)
+        except ProtocolError:
+            return body  # the core refuses it
+        if not (name := handle.segment):
+            return body
+        stored = StoredBody(body)
+        stored.name, stored.ended, stored.held = name, self._ended, len(body) + handle.size
+        size, keep, count = self._held.get(name) or (handle.size, 0, 0)
+        wanted = handle.keep & _KEPT
+        self._held[name] = _Held(size, keep | wanted, count + 1)
+        if self.folder is not None:
+            if not count:
+                self._mark_held(name)
+            if wanted & ~keep:
+                self._keep(name, wanted)
+        return stored
+
+    def _mark_held(self, name: str) -> None:
+        """Rename a segment that has arrived. It may be held already, or missing.
+
+        It is free if the core dropped this message before: its sender then repeats it, and does not
+        write the segment again.
+        """
+        path = f"{self._folder}/{name}"
+        for state in (NEW, FREE):
+            with contextlib.suppress(OSError):
+                os.rename(path + state, path)  # noqa: PTH104 - three times as fast
+                return
+
+    def _keep(self, name: str, keep: int) -> None:
+        """Copy a segment to the disk, if *keep* says so. The copy counts as a body."""
+        path, held = self._path(name), self._held[name]
+        if self._kept is None or not keep or not path.exists():
+            return
+        if self._kept.add(name, path, held.size, Keep(keep)):
+            self._held[name] = held._replace(bodies=held.bodies + 1)
+
+    def flush(self) -> None:
+        """Bring the segments of tasks to the disk, if they must be there. Raises CentralError."""
+        if self._kept is not None:
+            self._kept.flush()
+
+    def settle(self, modules: Container[str]) -> None:
+        """Release the segments that are needed no more. *modules* are the known incarnations."""
+        if not self._ended and (self._kept is None or not self._kept.ended):
+            return
+        for name, keep in self._count_ended():
+            if self.folder is not None:
+                if self._kept is not None:
+                    self._kept.release(name, Keep(keep))
+                self._release(name, modules)
+
+    def _count_ended(self) -> list[tuple[str, int]]:
+        """Count the bodies that have ended. Return the segments that none is left of."""
+        released = []
+        for ended in (self._ended, [] if self._kept is None else self._kept.ended):
+            while ended:
+                name = ended.pop()
+                held = self._held[name]
+                if held.bodies > 1:
+                    self._held[name] = held._replace(bodies=held.bodies - 1)
+                else:
+                    released.append((name, self._held.pop(name).keep))
+        return released
+
+    def is_needed(self, name: str) -> bool:
+        """Whether a message needs a segment that is being copied. Other threads may call this."""
+        held = self._held.get(name)
+        return held is not None and held.bodies > 1
+
+    def _release(self, name: str, modules: Container[str]) -> None:
+        """Give a segment back to its module, or remove it if the module has left."""
+        path, incarnation = f"{self._folder}/{name}", name.partition("/")[0]
+        with contextlib.suppress(OSError):  # the sender named a segment that does not exist
+            if incarnation in modules and incarnation != OWN:
+                os.rename(path, path + FREE)  # noqa: PTH104 - three times as fast
+            else:
+                Path(path).unlink()
+
+    def sweep(self, modules: Container[str]) -> None:
+        """Remove what modules have left behind. Release segments of requests that were lost."""
+        if self.folder is None:
+            return
+        now = time.monotonic()
+        for name in [name for name, due in self._orphans.items() if due <= now]:
+            del self._orphans[name]
+            if name not in self._held:
+                self._release(name, modules)
+        for incarnation in self._incarnations():
+            if incarnation not in modules and incarnation != OWN:
+                self._sharing.discard(incarnation)
+                self._remove_unheld(incarnation)
+
+    def _remove_unheld(self, incarnation: str) -> None:
+        """Remove the files of a module that has left, but for held ones; then its folder."""
+        folder = self._folder / incarnation
+        with contextlib.suppress(OSError):
+            for file in _names_in(folder):
+                name = f"{incarnation}/{file}"
+                if name not in self._held and name not in self._orphans:
+                    (folder / file).unlink()
+            folder.rmdir()
+
+    # --- the bytes of segments --------------------------------------------------------------------
+
+    def write(self, handle: Handle, data: memoryview) -> bytes:
+        """Write the bytes of an inline body to a segment. Return the body with its name.
+
+        Raises OSError.
+        """
+        self._made += 1
+        name = f"{OWN}/{self._made}"
+        path = self._path(name + NEW)
+        try:
+            with path.open("xb") as stream:
+                stream.write(data)
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
+        return pack_handle(Handle(name, handle.size, handle.keep, handle.data))
+
+    def read(self, handle: Handle) -> bytes:
+        """Return a body with the bytes of its segment. Raises OSError."""
+        if self.folder is None:
+            raise FileNotFoundError(handle.segment)
+        with self._path(handle.segment).open("rb") as stream:
+            data = stream.read(handle.size)
+        if len(data) < handle.size:
+            msg = f"segment {handle.segment} has {len(data)} bytes"
+            raise OSError(msg)
+        return pack_handle(Handle("", handle.size, handle.keep, handle.data)) + data
+
+
+def _names_in(folder: Path) -> list[str]:
+    return [entry.name for entry in os.scandir(folder)]
+
+
+def _locked_folder(folder: Path) -> int:
+    """Create and lock a private folder. Return the lock's file. Raises OSError."""
+    while True:
+        folder.mkdir(exist_ok=True, mode=0o700)
+        locked = _open_folder(folder)
+        try:
+            lock(locked)
+            if os.fstat(locked).st_nlink and folder.exists():
+                return locked  # else another central has just removed it as a dead one's
+        except OSError:
+            os.close(locked)
+            raise
+        os.close(locked)
+
+
+def _open_folder(folder: Path) -> int:
+    """Open a folder that only this user may use. Raises OSError."""
+    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    found = os.fstat(opened)
+    if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
+        os.close(opened)
+        msg = f"{folder} belongs to another user"
+        raise PermissionError(msg)
+    return opened
+
+
+def _remove_dead(root: Path, own: Path) -> None:
+    """Remove the folders of this user's centrals that no longer run."""
+    for folder in root.glob(f"tca-{os.getuid()}-*"):
+        if folder == own:
+            continue
+        with contextlib.suppress(OSError):
+            opened = _open_folder(folder)
+            try:
+                fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(opened)

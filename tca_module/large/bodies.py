@@ -1,0 +1,108 @@
+"""The large bodies of one connection: stored before they leave, opened when they arrive."""
+
+import errno
+import os
+from pathlib import Path
+
+from tca_module.errors import Refused
+from tca_module.large.opening import opened
+from tca_module.large.pool import Lease, Pool, join_pool, leave_pool
+from tca_wire.errors import BadData
+from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, inline
+from tca_wire.packets.headers import Welcome
+from tca_wire.packets.large import MARK
+from tca_wire.vocabulary import Limit, Refusal
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class LargeBodies:
+    """The large bodies of one connection.
+
+    Without memory that it shares with central, a body holds its data itself.
+    """
+
+    def __init__(self) -> None:
+        self._run: tuple[str, str] | None = None  #: folder and epoch of the present central
+        self._pool: Pool | None = None
+
+    def on_welcome(self, header: Welcome, incarnation: str) -> bool:
+        """Use the store of the central that has welcomed the connection.
+
+        Returns whether it shares memory with this process.
+        """
+        if self._run == (header.store, header.epoch):
+            if self._pool is not None:
+                self._pool.take_back(self)
+            return self._pool is not None
+        self.close()
+        self._run = header.store, header.epoch
+        try:
+            if header.store and Path(header.store, "key").read_text().strip() == header.epoch:
+                self._pool = join_pool(header.store, incarnation)
+        except (OSError, ValueError):
+            pass
+        return self._pool is not None
+
+    def store(self, body: bytes, what: object) -> bytes:
+        """Return a body that can be sent: large data are copied into a segment.
+
+        *what* names the message in errors. Raises Refused if shared memory is full, and BadData if
+        the data are too large for a connection without shared memory, or gone.
+        """
+        if body[:1] != MARK or self._is_stored(body):
+            return body
+        data = body if isinstance(body, LargeData) else copy_of(body)
+        if self._pool is None:
+            return _inline(data, what)
+        try:
+            return self._pool.store(data, self)
+        except OSError as error:
+            if error.errno not in _FULL:
+                return _inline(data, what)
+            free = os.statvfs(self._pool.folder)
+            text = (
+                f"shared memory is full: {data.size:,} bytes are needed,"
+                f" {free.f_bavail * free.f_frsize:,} are free in {self._pool.folder}"
+            )
+            raise Refused(str(what), Refusal.OVERLOAD, text) from None
+
+    def _is_stored(self, body: bytes) -> bool:
+        """Whether a body is in a segment of this run, or can have none."""
+        if isinstance(body, OpenedBody):
+            return isinstance(body.owner, Lease) and body.owner.pool is self._pool
+        return self._pool is None and not isinstance(body, LargeData)
+
+    def restore(self, body: bytes) -> bytes:
+        """Return what ``store`` does; the body as it is if that fails, for central to refuse."""
+        try:
+            return self.store(body, "")
+        except (BadData, Refused):
+            return bytes(body)
+
+    def opened(self, body: bytes) -> bytes:
+        """Return a received body; a large one with its memory."""
+        if body[:1] != MARK or isinstance(body, OpenedBody):
+            return body
+        return opened(self._run[0] if self._pool is not None and self._run else "", body)
+
+    def tidy(self) -> None:
+        """Remove segments that are not needed soon."""
+        if self._pool is not None:
+            self._pool.tidy()
+
+    def close(self) -> None:
+        """Use the present store no longer."""
+        pool, self._pool, self._run = self._pool, None, None
+        if pool is not None:
+            leave_pool(pool)
+
+
+def _inline(data: LargeData, what: object) -> bytes:
+    try:
+        return inline(data)
+    except BadData:
+        limit = f"a message holds at most {Limit.BODY:d}"
+        where = "if its module shares no memory with central"
+        text = f"{what} has {data.size} bytes: {limit} {where}; send a reference instead"
+        raise BadData(text) from None

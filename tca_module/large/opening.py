@@ -1,0 +1,74 @@
+"""Opens the segments of received bodies."""
+
+import fcntl
+import mmap
+import os
+
+from tca_wire.errors import ProtocolError
+from tca_wire.messages.large_data import OpenedBody
+from tca_wire.packets.large import Handle, unpack_handle
+from tca_wire.vocabulary import Limit
+
+_POPULATE = getattr(mmap, "MAP_POPULATE", 0)  # one call is cheaper than a fault for each page
+_FAR = (
+    "its {size} bytes stand in shared memory, which this module does not share with central; a"
+    f" message to it holds at most {Limit.BODY:d}"
+)
+_GONE = (
+    "the data are gone from shared memory: their task has ended,"
+    " or the computer was restarted since they were sent"
+)
+
+
+def opened(store: str, body: bytes) -> OpenedBody:
+    """Return a large body with the memory of its segment in the folder *store*.
+
+    If the segment can't be read, the body says why when it is decoded.
+    """
+    found = OpenedBody(body)
+    try:
+        handle, content = unpack_handle(body)
+        if not handle.segment:
+            found.content = content
+        elif store:
+            found.content = _memory_of(f"{store}/{handle.segment}", handle)
+        else:
+            found.problem = _FAR.format(size=handle.size)
+    except FileNotFoundError:
+        found.problem = _GONE
+    except (ProtocolError, OSError) as error:
+        found.problem = f"its data can't be read: {error}"
+    return found
+
+
+def _memory_of(path: str, handle: Handle) -> memoryview:
+    """Map a segment, and lock it as long as its memory is in use.
+
+    Raises FileNotFoundError if the segment is gone, or another OSError.
+    """
+    try:
+        return _locked_memory_of(path, handle)
+    except FileNotFoundError:
+        # Central has freed it, and its sender has not used it again.
+        return _locked_memory_of(f"{path}.free", handle)
+
+
+def _locked_memory_of(path: str, handle: Handle) -> memoryview:
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:  # its sender is about to write other data
+            raise FileNotFoundError(path) from None
+        status = os.fstat(file)
+        if os.stat(path, follow_symlinks=False).st_ino != status.st_ino:
+            raise FileNotFoundError(path)
+        if status.st_size < handle.size:
+            msg = f"{path} has {status.st_size} bytes, not {handle.size}"
+            raise OSError(msg)
+        # The mapping duplicates the file's descriptor, which keeps the lock.
+        return memoryview(
+            mmap.mmap(file, handle.size, flags=mmap.MAP_SHARED | _POPULATE, prot=mmap.PROT_READ)
+        )
+    finally:
+        os.close(file)

@@ -1,0 +1,208 @@
+"""The segments of one run of a module. All connections of the run share them, from any thread.
+
+A segment is written again when central has freed it. A few free segments are kept for that.
+"""
+
+import contextlib
+import itertools
+import os
+import threading
+import time
+from dataclasses import dataclass
+from weakref import ref
+
+from tca_module.large.segment import FREE, NEW, Segment
+from tca_wire.messages.large_data import LargeData, OpenedBody
+
+IDLE_SEGMENTS, IDLE_BYTES = 4, 64 << 20  # of free segments that are kept for later
+_MAPPED = 8  # segments that stay mapped while central holds them; others are used only once
+_TIDY_AFTER = 1.0  # seconds
+_SMALLEST = 256 << 10  # bytes; a segment of that size may be reused for any smaller data
+
+_numbers = itertools.count(1)
+
+
+class Lease:
+    """The use of a segment by a body of this process. It lasts as long as the body."""
+
+    def __init__(self, pool: "Pool", segment: Segment) -> None:
+        self.pool = pool
+        self._segment = segment
+
+
+@dataclass(slots=True)
+class _Use:
+    """The newest use of a segment."""
+
+    lease: ref[Lease]
+    user: object
+    """The connection that sends it."""
+    segment: Segment | None
+    """The segment, if it stays mapped."""
+    is_free: bool = False
+
+
+class Pool:
+    """The segments of one run of a module, in a folder of central's store."""
+
+    def __init__(self, store: str, incarnation: str) -> None:
+        """Create the folder. Raises OSError."""
+        self.users = 0  #: the number of connections
+        self.folder = f"{store}/{incarnation}"
+        self._incarnation = incarnation
+        self._process = os.getpid()
+        self._lock = threading.Lock()
+        self._uses: dict[int, _Use] = {}  #: by the segment's number, the oldest first
+        self._stores_until_look = 0
+        self._tidy_at = 0.0
+        os.makedirs(self.folder, mode=0o700, exist_ok=True)
+
+    def store(self, data: LargeData, user: object) -> OpenedBody:
+        """Copy data into a segment; return their body. Raises OSError.
+
+        The segment is not written again as long as the body lives.
+        """
+        with self._lock:
+            segment = self._free_segment(data.size)
+        if segment is None:
+            segment = self._new_segment(data.size)
+        data.write(segment.memory)
+        body = OpenedBody(data.body(f"{self._incarnation}/{segment.number}"))
+        body.content = segment.memory.toreadonly()[: data.size]
+        body.owner = lease = Lease(self, segment)
+        with self._lock:
+            mapped = sum(use.segment is not None for use in self._uses.values())
+            self._uses[segment.number] = _Use(
+                ref(lease), user, segment if mapped < _MAPPED else None
+            )
+        return body
+
+    def _new_segment(self, size: int) -> Segment:
+        try:
+            return Segment(self.folder, next(_numbers), size)
+        except FileNotFoundError:  # central has removed the folder: it counted the module as lost
+            with contextlib.suppress(FileExistsError):  # another thread has made it
+                os.mkdir(self.folder, 0o700)
+        except OSError:
+            with self._lock:  # make room
+                self._look()
+                self._trim(0, 0)
+        return Segment(self.folder, next(_numbers), size)
+
+    def _free_segment(self, size: int) -> Segment | None:
+        """Return a free segment for data of a size, with a new number."""
+        self._stores_until_look -= 1
+        if self._stores_until_look < 0:
+            self._look()
+            # The cost of a look grows with the number of files: look less often if they are many.
+            self._stores_until_look = len(self._uses) // 16
+        most = max(_SMALLEST, 2 * size)
+        for number, use in list(self._uses.items()):
+            if use.is_free and use.segment and size <= use.segment.capacity <= most:
+                del self._uses[number]
+                if use.segment.renew(next(_numbers)):
+                    return use.segment
+        return None
+
+    def _look(self) -> None:
+        """Read the states of the segments, and forget those that are gone."""
+        try:
+            names = set(os.listdir(self.folder)) if self._uses else set()
+        except FileNotFoundError:  # central counted the module as lost
+            names = set()
+        for number, use in list(self._uses.items()):
+            if use.lease() is not None:
+                continue
+            if f"{number}{FREE}" in names:
+                use.is_free = True
+                if use.segment is None:
+                    self._remove(number, FREE)
+            elif f"{number}{NEW}" not in names and str(number) not in names:
+                del self._uses[number]  # central has removed it
+
+    def _remove(self, number: int, state: str) -> None:
+        """Remove a segment that is in this state. Only central may remove the others."""
+        try:
+            os.unlink(f"{self.folder}/{number}{state}")
+        except FileNotFoundError:
+            return
+        self._uses.pop(number, None)
+
+    def _trim(self, most: int, most_bytes: int) -> None:
+        """Remove the oldest free segments, until the rest is within these bounds."""
+        free = {
+            number: use.segment.capacity
+            for number, use in self._uses.items()
+            if use.is_free and use.segment is not None
+        }
+        number_left, size = len(free), sum(free.values())
+        for number, capacity in free.items():
+            if number_left <= most and size <= most_bytes:
+                return
+            self._remove(number, FREE)
+            number_left, size = number_left - 1, size - capacity
+
+    def tidy(self) -> None:
+        """Remove segments that are free and not needed soon. Does so once a second at most."""
+        if not self._uses or (now := time.monotonic()) < self._tidy_at:
+            return
+        with self._lock, contextlib.suppress(OSError):
+            self._tidy_at = now + _TIDY_AFTER
+            self._look()
+            self._trim(IDLE_SEGMENTS, IDLE_BYTES)
+
+    def take_back(self, user: object) -> None:
+        """Remove the segments that a connection has sent before it broke, and central never got.
+
+        Central has welcomed the connection again. A segment with a body is sent again.
+        """
+        with self._lock:
+            for number, use in list(self._uses.items()):
+                if use.user is user and use.lease() is None:
+                    self._remove(number, NEW)
+
+    def close(self) -> None:
+        """Remove the free segments. Central removes the others, which it may still need."""
+        if os.getpid() != self._process:
+            return
+        with self._lock, contextlib.suppress(OSError):
+            self._look()
+            for number in list(self._uses):
+                self._remove(number, FREE)
+            self._uses.clear()
+            os.rmdir(self.folder)  # fails if segments are left
+
+
+_pools: dict[tuple[str, str], Pool] = {}
+_pools_lock = threading.Lock()
+
+
+def join_pool(store: str, incarnation: str) -> Pool:
+    """Return the pool of a module's run, for one more connection. Raises OSError."""
+    with _pools_lock:
+        pool = _pools.get((store, incarnation))
+        if pool is None:
+            pool = _pools[store, incarnation] = Pool(store, incarnation)
+        pool.users += 1
+        return pool
+
+
+def leave_pool(pool: Pool) -> None:
+    """Note that a connection uses a pool no longer. The last one closes it."""
+    with _pools_lock:
+        pool.users -= 1
+        if pool.users:
+            return
+        for key in [key for key, one in _pools.items() if one is pool]:
+            del _pools[key]
+    pool.close()
+
+
+def _forget_pools() -> None:
+    """Forget the parent's pools in a forked child, whose connections have pools of their own."""
+    global _pools_lock  # noqa: PLW0603
+    _pools.clear()
+    _pools_lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget_pools)

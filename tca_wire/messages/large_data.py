@@ -1,0 +1,179 @@
+"""Large data: values whose arrays stand beside their MessagePack, in the parts of a segment.
+
+A sender encodes a value as LargeData. Its parts are the memory of the sender's arrays: the first
+copy is made when the data are stored, in a segment or behind the handle. A receiver decodes an
+OpenedBody, whose arrays are views of the segment.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import msgspec
+
+from tca_wire.errors import BadData, ProtocolError
+from tca_wire.messages.arrays import PartOf, padded, slices_of, too_large
+from tca_wire.packets.large import (
+    LARGE,
+    MARK,
+    Handle,
+    Keep,
+    LargeBody,
+    pack_handle,
+    unpack_handle,
+)
+from tca_wire.vocabulary import Limit
+
+_WHOLE = 3  # MessagePack extension type: [offset, size] of the part with the encoded value
+_LONGEST_REFERENCE = 32  # bytes; a reference to the whole value is shorter
+
+
+class LargeData(LargeBody):
+    """An encoded value that no connection has stored yet. As bytes it is only the mark."""
+
+    data: bytes
+    parts: list[memoryview]
+    size: int
+    keep: Keep = Keep.NOTHING
+
+    def __new__(cls, data: bytes, parts: Sequence[memoryview]) -> Self:
+        """Create the body of a value: its MessagePack, and the parts to which it refers.
+
+        MessagePack of LARGE bytes and more becomes a part, too. Raises BadData if a segment can't
+        hold them.
+        """
+        self = super().__new__(cls, MARK)
+        self.parts = list(parts)
+        if len(data) >= LARGE:
+            reference = [size_of(self.parts, is_padded=True), len(data)]
+            self.parts.append(memoryview(data))
+            data = msgspec.msgpack.encode(
+                msgspec.msgpack.Ext(_WHOLE, msgspec.msgpack.encode(reference))
+            )
+        self.data, self.size = data, size_of(self.parts)
+        if self.size > Limit.LARGE:
+            raise BadData(too_large(self.size, Limit.LARGE))
+        return self
+
+    def __reduce__(self) -> Any:
+        return bytes, (self.inline(),)
+
+    def body(self, segment: str) -> bytes:
+        """Return the handle of the data in a segment."""
+        return pack_handle(Handle(segment, self.size, self.keep, self.data))
+
+    def write(self, segment: memoryview) -> None:
+        """Copy the parts into the memory of a segment."""
+        at = 0
+        for part in self.parts:
+            at = padded(at)
+            segment[at : at + len(part)] = part
+            at += len(part)
+
+    def inline(self) -> bytes:
+        """Return the data as a body that holds them itself."""
+        content = bytearray(self.size)
+        self.write(memoryview(content))
+        return self.body("") + content
+
+    def part(self, offset: int, _: int) -> memoryview:
+        """Return the part at an offset."""
+        at = 0
+        for part in self.parts:
+            at = padded(at)
+            if at == offset:
+                return part
+            at += len(part)
+        raise msgspec.ValidationError(f"no part begins at {offset}")
+
+
+def size_of(parts: Sequence[memoryview], *, is_padded: bool = False) -> int:
+    """Return the bytes of a segment with these parts. With *is_padded*, a part may follow."""
+    size = 0
+    for part in parts:
+        size = padded(size) + len(part)
+    return padded(size) if is_padded else size
+
+
+class OpenedBody(LargeBody):
+    """A large body with the memory of its segment; or with the *problem*, if it can't be read."""
+
+    content: memoryview | None = None
+    problem: str = "its data stand in shared memory that this program has not opened"
+
+    def __reduce__(self) -> Any:
+        return bytes, (bytes(self) if self.content is None else copy_of(self).inline(),)
+
+
+def copy_of(body: bytes) -> LargeData:
+    """Return the data of a body, to store them once more. Raises BadData if they are gone."""
+    handle, content = _opened(body)
+    data = LargeData(handle.data, [content[: handle.size]])
+    data.keep = Keep(handle.keep)
+    return data
+
+
+def inline(body: bytes) -> bytes:
+    """Return a body that holds its data itself. Raises BadData if they are too large, or gone."""
+    if isinstance(body, OpenedBody):
+        body = copy_of(body)
+    if isinstance(body, LargeData):
+        body = body.inline()
+    if len(body) > Limit.BODY:
+        raise BadData(too_large(len(body), Limit.BODY))
+    return body
+
+
+def _opened(body: bytes) -> tuple[Handle, memoryview]:
+    """Return a body's handle and the content of its segment. Raises BadData without either."""
+    try:
+        handle, content = unpack_handle(body)
+    except ProtocolError as error:
+        raise BadData(f"{error}") from None
+    if not handle.segment:
+        return handle, content
+    if isinstance(body, OpenedBody) and body.content is not None:
+        return handle, body.content
+    raise BadData(body.problem if isinstance(body, OpenedBody) else OpenedBody.problem)
+
+
+def referred(body: bytes) -> tuple[bytes | memoryview, PartOf | None]:
+    """Return the MessagePack of a large body, and the function that finds its parts.
+
+    Raises BadData if the body is damaged, or its segment is gone.
+    """
+    part: PartOf
+    if isinstance(body, LargeData):
+        data, part = body.data, body.part
+    else:
+        handle, content = _opened(body)
+        data, part = handle.data, slices_of(content)
+    return (data if (whole := _whole(data)) is None else part(*whole)), part
+
+
+def described(body: bytes) -> tuple[bytes | memoryview, PartOf | None]:
+    """Return what ``referred`` does, for a reader that may lack the segment.
+
+    Without the segment there is no function. A value that is one part is described by its size.
+    """
+    try:
+        return referred(body)
+    except BadData:
+        try:
+            data = unpack_handle(body)[0].data
+        except ProtocolError as error:
+            raise BadData(f"{error}") from None
+        whole = _whole(data)
+        return (data if whole is None else msgspec.msgpack.encode({"bytes": whole[1]})), None
+
+
+def _whole(data: bytes) -> tuple[int, int] | None:
+    """Return the part that holds the whole MessagePack, if it is in the segment.
+
+    Raises msgspec's errors if the reference is damaged.
+    """
+    if len(data) > _LONGEST_REFERENCE:
+        return None
+    reference = msgspec.msgpack.decode(data)
+    if not isinstance(reference, msgspec.msgpack.Ext) or reference.code != _WHOLE:
+        return None
+    return msgspec.msgpack.decode(reference.data, type=tuple[int, int])
