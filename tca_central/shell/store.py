@@ -305,7 +305,7 @@ class Store:
 def _names_in(folder: Path) -> list[str]:
     """Return the names in a folder. A module or the user may have removed it."""
     try:
-        return os.listdir(folder)
+        return [path.name for path in folder.iterdir()]
     except OSError:
         return []
 
