@@ -84,7 +84,7 @@ class KeptData:
         if self._pending + size > MOST_PENDING and not keep & Keep.TASK:
             self._warnings.warning(
                 "full",
-                "large data are not in the journal: %d bytes wait for the disk",
+                "the journal lacks large data: %d bytes wait for the disk",
                 self._pending,
             )
             return False
@@ -122,15 +122,16 @@ class KeptData:
         """Remove the copy of a task's segment, unless the journal has it."""
         if keep & Keep.TASK and not keep & Keep.JOURNAL:
             path = self._tasks / name
-            path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # there may be no copy
+                path.unlink()
                 path.parent.rmdir()
 
     def remove_all_but(self, held: Container[str]) -> None:
         """Remove the copies of tasks' segments whose names are not *held*."""
         for path in list(self._tasks.glob("*/*")):
             if f"{path.parent.name}/{path.name}" not in held:
-                path.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):
+                    path.unlink()
 
     def restore(self, name: str, path: Path) -> None:
         """Restore a segment that is missing in the memory, if there is a copy."""

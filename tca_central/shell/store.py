@@ -124,7 +124,7 @@ class Store:
                 if file.isdecimal() and (name := f"{incarnation}/{file}") not in self._held:
                     self._orphans[name] = due
                 elif incarnation == OWN and file.endswith(NEW):
-                    (self._folder / OWN / file).unlink()
+                    (self._folder / OWN / file).unlink(missing_ok=True)
 
     def close(self, *, is_over: bool) -> None:
         """Stop. If the run *is_over*, remove the folder."""
@@ -150,9 +150,9 @@ class Store:
 
     def _incarnations(self) -> Iterator[str]:
         """Yield the names of the folders of modules, and of central's own."""
-        for entry in list(os.scandir(self._folder)):
-            if entry.is_dir(follow_symlinks=False):
-                yield entry.name
+        for name in _names_in(self._folder):
+            if (self._folder / name).is_dir():
+                yield name
 
     def add_module(self, incarnation: str) -> None:
         """Note that a module shares memory, and make its folder."""
@@ -309,7 +309,11 @@ class Store:
 
 
 def _names_in(folder: Path) -> list[str]:
-    return [entry.name for entry in os.scandir(folder)]
+    """Return the names in a folder. A module or the user may have removed it."""
+    try:
+        return [path.name for path in folder.iterdir()]
+    except OSError:
+        return []
 
 
 def _locked_folder(folder: Path) -> int:

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ import msgspec
 import pytest
 
 from tca_central.core import Central
+from tca_central.errors import CentralError
 from tca_central.events import Arrived, ConnectionId
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode
@@ -138,6 +140,22 @@ def test_end_of_a_body_never_raises(shared: Shared) -> None:
     shared.close()
     del body
     shared.store.settle(set())
+
+
+def test_store_goes_on_when_its_folder_was_removed(shared: Shared) -> None:
+    """Some systems remove a user's files in /dev/shm when the user logs out."""
+    bodies = [shared.store.adopt(shared.write("a1/1"))]
+    shutil.rmtree(shared.folder)
+    bodies.append(shared.store.adopt(handle("a1/2")))
+    with pytest.raises(OSError, match="No such file"):
+        shared.store.write(Handle("", 3, 0, b""), memoryview(b"abc"))
+    with pytest.raises(OSError, match="No such file"):
+        shared.store.read(Handle("a1/1", 3, 0, b""))
+    shared.store.add_module("b2")
+    bodies.clear()
+    shared.store.settle(shared.modules)
+    shared.store.sweep(set())
+    assert shared.store.held_bytes == 0
 
 
 # --- folders of runs --------------------------------------------------------------------------------
@@ -463,4 +481,43 @@ def test_tasks_are_on_the_disk_at_once_when_always(tmp_path: Path) -> None:
     shared.store.flush()
     assert copied(journal) == ["held/run/a1/1"]
     del body
+    shared.close()
+
+
+@pytest.mark.parametrize("sync", [Sync.ALWAYS, Sync.BATCH])
+def test_failed_copy_stops_central_only_when_always(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, sync: Sync
+) -> None:
+    monkeypatch.setattr(kept_data, "DELAY", 0.0)
+    (tmp_path / "held").write_text("no folder")
+    shared = Shared(tmp_path, kept=KeptData(tmp_path, "run", sync))
+    body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
+    if sync is Sync.ALWAYS:
+        with pytest.raises(CentralError, match="central stops"):
+            shared.store.flush()
+    else:
+        shared.store.flush()
+        wait_until(lambda: "can't be copied" in caplog.text)
+    assert shared.files() == ["a1/1"]
+    del body
+    wait_until(lambda: shared.files() == ["a1/1.free"])
+    shared.close()
+
+
+def test_journal_lacks_data_when_the_disk_is_too_slow(
+    tmp_path: Path,
+    kept: KeptData,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(kept_data, "MOST_PENDING", len(DATA) - 1)
+    shared = Shared(tmp_path, kept=kept)
+    bodies = [
+        shared.store.adopt(shared.write(f"a1/{int(keep)}", keep=keep))
+        for keep in (Keep.JOURNAL, Keep.TASK)
+    ]
+    assert "the journal lacks large data" in caplog.text
+    wait_until(lambda: copied(tmp_path / "journal") == ["held/run/a1/1"])
+    bodies.clear()
+    wait_until(lambda: shared.files() == ["a1/1.free", "a1/2.free"])
     shared.close()
