@@ -17,7 +17,6 @@ from tca_central.model.registry import type_size
 from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
 from tca_central.model.tasks import Policy, Retention, Scheduled, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
-from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import Collector, State
 from tca_wire.packets.large import held_size
 from tca_wire.points import (
@@ -55,7 +54,6 @@ def check_invariants(central: State) -> None:
         _check_waits,
         _check_variables,
         _check_retained,
-        _check_routes,
         _check_budget,
         _check_observers,
     ):
@@ -536,21 +534,6 @@ def _check_variables(central: State) -> None:
         assert not message.waiting, f"variable '{name}': waits for a handler"
         limits = {handler.resource.limits[name].most for handler in message.handlers}
         assert limits <= {1}, f"variable '{name}': older values may wait"
-
-
-def _check_routes(central: State) -> None:
-    """Check that a route or slot lists exactly the connections that list the route or slot."""
-    connections = set(central.registry.connections.values())
-    for message in central.registry.messages.values():
-        assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
-        informed = {one for one in connections if message in one.routes}
-        assert message.informed_senders.keys() == informed, (
-            f"'{message.name}': its senders do not know its route, or are removed"
-        )
-    for slot in connections:
-        watching = {one for one in connections if slot in one.watches}
-        assert slot.watchers.keys() == watching, "a slot's watcher is removed, or does not know it"
-        assert slot.watches.keys() <= connections, "it watches a removed slot"
 
 
 def _check_budget(central: State) -> None:

@@ -25,7 +25,7 @@ class Connection:
         self.socket.setsockopt(zmq.PROBE_ROUTER, 1)
         self.socket.connect(os.environ.get("TCA_CENTRAL", f"ipc://{FOLDER}/central.sock"))
         self.requests, self.packet = 0, b""
-        self.request(WELCOME, HELLO, 7, "raw", RUN, number, resource)
+        self.request(WELCOME, HELLO, 8, "raw", RUN, number, resource)
 
     def send(self, *header: Any, body: bytes = b"") -> None:
         packed = msgpack.packb(header)

@@ -52,7 +52,7 @@ from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Delivery, Module, ModuleClaim, Wiretap
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import Policy, Recovery, Task, TaskOutcome, Watch
-from tca_central.outgoing import availability, direct_routes
+from tca_central.outgoing import availability
 from tca_central.requests import (
     joining,
     naming,
@@ -70,7 +70,6 @@ from tca_wire.journal import causes, facts
 from tca_wire.packets import headers, large
 from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Accepted, Refused, ToCentral
-from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Limit, Refusal, Role
 
@@ -185,7 +184,6 @@ class Central(State):
             self.facts.append(facts.DiskSpace(event.is_low))
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
-            direct_routes.invalidate_licences_of(self, event.revoked)
         self._process_all()
         self._report(effects, event.time, causes.Administrator())
 
@@ -523,8 +521,6 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Unlock: revoking.on_unlock,
     headers.GoOn: restarting.on_go_on,
     headers.EndCentral: joining.on_end_central,
-    Noted: direct_routes.on_noted,
-    WatchEntrance: direct_routes.on_watch_entrance,
 }
 """One row per class of request: the function to call when such a request arrives.
 

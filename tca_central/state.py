@@ -115,18 +115,6 @@ class RestartPause(Stored):
         self.until_resumed = False  #: whether an operator must let tasks start
 
 
-def _is_to_own_resource(delivery: Delivery) -> bool:
-    """Whether a query goes to its sender's own resource, and the resource takes direct messages.
-
-    The receiving slot must then handle the query at once. It may be busy with a direct message,
-    unknown to central, whose handler waits for the answer to this query.
-    """
-    sender, slot = delivery.sender, delivery.slot
-    if sender is None or slot is None or slot.entrance is None:
-        return False
-    return sender.resource is slot.resource and delivery.message.message_class.has_reply
-
-
 def cancelled_header(delivery: Delivery) -> headers.Cancelled:
     """Return the header that asks a handler to stop: its task was killed or is retried."""
     killed = delivery.killed if isinstance(delivery, Task) else ""
@@ -156,11 +144,8 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     handling_id, name = delivery.handling_id, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        flags = delivery.suspended, delivery.nested
-        return headers.Deliver(handling_id, name, delivery.id, context, *flags)
-    return headers.Deliver(
-        handling_id, name, ROOT, context, own=_is_to_own_resource(delivery), ahead=ahead
-    )
+        return headers.Deliver(handling_id, name, delivery.id, context, delivery.suspended)
+    return headers.Deliver(handling_id, name, ROOT, context, ahead=ahead)
 
 
 def _over_budget(what: str, held: int, most: int, advice: str) -> str:

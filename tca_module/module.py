@@ -187,7 +187,7 @@ class Module(LoopModule):
 
         Args:
             message: the message. A module has at most one handler for each message.
-            options: see ``HandlerOptions``: resource, pool, pending, direct, accepts, takes,
+            options: see ``HandlerOptions``: resource, pool, pending, accepts, takes,
                 refuses, when_busy.
 
         Returns:
@@ -487,7 +487,7 @@ class Module(LoopModule):
         # A slot that lost messages has already waited *linger* seconds: don't wait again.
         has_lingered = any(isinstance(error, NotSent) for error in errors)
         try:
-            link.close(0.0 if has_lingered else self._linger, link.lost)
+            link.close(0.0 if has_lingered else self._linger, link.session.lost)
         except (CentralLost, Refused) as error:
             errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:

@@ -527,13 +527,9 @@ class LocalTransport:
         with self._lock:
             return is_woken or self._has_packets()
 
-    def fileno(self) -> int:
-        """Return a file that becomes readable when a packet arrives."""
-        return self._waker.fileno()
-
     def files(self) -> Collection[int]:
         """Return the files that become readable when a packet arrives, or ``wake`` is called."""
-        return (self.fileno(),)
+        return (self._waker.fileno(),)
 
     def waker(self) -> Waker:
         """Return the object with which other threads end waits."""

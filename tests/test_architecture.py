@@ -47,7 +47,6 @@ ONLY_IN = {
         "tca_central/shell/server.py",
         "tca_module/sockets/curve.py",
         "tca_module/sockets/transport.py",
-        "tca_module/sockets/direct.py",
         "tca_module/sockets/pulse.py",
     },
     "pybullet": {
@@ -207,8 +206,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "sockets": {"errors"},
         "large": {"errors"},
         "session": {"errors"},
-        "direct": {"errors", "log", "session", "sockets"},
-        "link": {"checks", "direct", "errors", "large", "log", "session", "sockets"},
+        "link": {"checks", "errors", "large", "log", "session", "sockets"},
         "following": {"checks", "errors", "link", "log", "session"},
         "sending": {"checks", "errors", "following", "link", "log", "session"},
         "serving": {"checks", "errors", "following", "link", "log", "sending", "session", "sockets"},

@@ -17,8 +17,6 @@ INPUTS = {
     "central": 40,
     "packets": 15,
     "session": 80,
-    "entrance": 80,
-    "path": 80,
     "journal": 60,
     "image": 40,
     "inputs": 40,

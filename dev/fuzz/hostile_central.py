@@ -48,7 +48,6 @@ from tca_wire.packets.parts import (
     RetryPolicy,
     WatchOptions,
 )
-from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition, MessageClass
 
@@ -89,7 +88,7 @@ def beginning() -> list[tuple[bytes, bytes]]:
     """Return the packets with which the robot starts, each with its line."""
     declares = Register(2, list(_DECLARED))
     handlers_of = {
-        b"legs": [HandlerFormat("move", "legs", "", 2), HandlerFormat("note", "legs", direct=True)],
+        b"legs": [HandlerFormat("move", "legs", "", 2), HandlerFormat("note", "legs")],
         b"planner": [
             HandlerFormat(name, "planner", "all")
             for name in ("walk", "where", "all", "pose", "mode", "recover")
@@ -116,7 +115,6 @@ def beginning() -> list[tuple[bytes, bytes]]:
 
 
 def _hello(module: str, connection: int = 0) -> Hello:
-    entrance = Entrance(f"ipc:///{module}/{connection}", "its key") if connection == 2 else None
     resource = module if connection else ""
     return Hello(
         1,
@@ -126,7 +124,6 @@ def _hello(module: str, connection: int = 0) -> Hello:
         connection,
         resource,
         "here:1",
-        entrance,
         b"",
         8 * connection,
     )

@@ -38,8 +38,6 @@ TARGETS = {
     "image": Target(hostile_image.attack, _random(40), 60),
     "inputs": Target(hostile_inputs.attack, _random(400), 800),
     "session": Target(hostile_peers.attack_session, _random(600), 1200),
-    "entrance": Target(hostile_peers.attack_entrance, _random(400), 800),
-    "path": Target(hostile_peers.attack_path, _random(400), 800),
     "journal": Target(hostile_files.attack_journal, _random(400), 800),
     "journal-bytes": Target(
         hostile_files.attack_journal_with_bytes, hostile_files.seeds_of_journals, 4000

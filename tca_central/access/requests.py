@@ -15,7 +15,6 @@ from tca_central.model.tasks import Task, TaskRecord
 from tca_central.state import State
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
-from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Permission, Refusal, Role, Scope
 
@@ -246,11 +245,6 @@ def _ask(_: State, connection: Connection, header: headers.Ask) -> None:
         _need(connection, ADMINISTER, header.topic)
 
 
-def _noted(_: State, connection: Connection, header: Noted) -> None:
-    for note in header.notes:
-        _need(connection, HANDLE, note.message)
-
-
 def _controls(what: str, number: Callable[[H], TaskId]) -> Callable[[State, Connection, H], None]:
     """Return the check of a request that does *what* to a task, which *number* gets from it."""
     return lambda central, connection, header: _check_control(
@@ -302,7 +296,5 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Unlock: lambda _, connection, __: _need(connection, ADMINISTER, "unlock"),
     headers.GoOn: lambda _, connection, __: _need(connection, ADMINISTER, "resume"),
     headers.EndCentral: lambda _, connection, __: _need(connection, ADMINISTER, "stop"),
-    Noted: _noted,
-    WatchEntrance: None,
 }
 """One row per message: the check of its permissions; None: it needs none."""

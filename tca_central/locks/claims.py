@@ -21,7 +21,6 @@ from tca_central.model.deliveries import (
 )
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import why_not_granted
-from tca_central.outgoing.direct_routes import review_copies
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
@@ -55,7 +54,6 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     if header.timeout >= 0:
         claim.timer = central.clock.after(header.timeout, Due.CLAIM, claim)
     central.dispatcher.claim(claim)
-    review_copies(central, resource)
     if header.blocking:
         central.block(connection, header.number, header.origin, brief=header.brief)
 
@@ -238,7 +236,6 @@ def end_claims_on_module(central: State, module: Module, why: str) -> None:
 def _end(central: State, claim: ModuleClaim, why: str) -> None:
     """Remove a claim, granted or not, and let others have its resource."""
     central.dispatcher.end_claim(claim)
-    review_copies(central, claim.resource)
     central.clock.cancel(claim.timer)
     del central.claims[claim.slot, claim.number]
     holder = claim.holder

@@ -22,7 +22,6 @@ from tca_wire.packets.parts import (
     Watching,
     WatchOptions,
 )
-from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Condition, Role
 
@@ -130,8 +129,8 @@ class Asker(ConnectionIdentity):
             del tasks[next(iter(tasks))]
 
 
-class Slot(Asker):
-    """The handling of messages by a connection: one thread of a resource."""
+class Connection(Asker):
+    """One socket of a module. As a slot, it also handles messages: one thread of a resource."""
 
     __slots__ = (
         "acts_known_until",
@@ -177,22 +176,6 @@ class Slot(Asker):
         The result is between ``acts_known_until`` and *now*.
         """
         return min(now, max(self.acts_known_until, now - ago))
-
-
-class Connection(Slot):
-    """One socket of a module, with its identity, requests and slot, and its direct routes."""
-
-    __slots__ = ("entrance", "licence", "routes", "watchers", "watches")
-
-    def __init__(
-        self, connection_id: ConnectionId, session: str, module: "Module", number: int
-    ) -> None:
-        Slot.__init__(self, connection_id, session, module, number)
-        self.entrance: Entrance | None = None  #: the address for direct messages to this slot
-        self.licence = 0  #: the number of its licence to send directly (0: none)
-        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is informed
-        self.watches: dict[Connection, None] = {}  #: slots of whose end it is informed
-        self.watchers: dict[Connection, None] = {}  #: connections informed of the end of this slot
 
 
 class Module(Stored):
@@ -245,7 +228,6 @@ class Handler(Stored):
     __slots__ = (
         "accepts",
         "busy",
-        "direct",
         "message",
         "module",
         "pending",
@@ -269,7 +251,6 @@ class Handler(Stored):
         #: Number of messages that may wait for it (0: no limit). It is 1 for a variable, of which
         #: only the newest value is useful.
         self.pending = 1 if message.message_class.keeps_value else declared.pending
-        self.direct = declared.direct  #: whether it accepts messages that bypass central
         self.accepts = declared.accepts  #: whether it accepts each task with a call
         self.takes = tuple(declared.takes)  #: transitions of clients that it decides about
         self.refuses = tuple(declared.refuses)  #: transitions that central refuses for it
@@ -377,16 +358,14 @@ class Served(Declared):
 
 
 class MessageType(Served):
-    """A declared message: format, handlers, attachments, and the route for direct sending."""
+    """A declared message: format, handlers, and attachments."""
 
-    __slots__ = ("attached", "informed_senders", "route", "taps")
+    __slots__ = ("attached", "taps")
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Served.__init__(self, declared, by)
         self.attached: list[AttachedHandler] = []  #: exception handlers of all its tasks
         self.taps: list[Wiretap] = []  #: oldest first
-        self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
-        self.informed_senders: dict[Connection, None] = {}  #: connections that know the route
 
 
 class PresenceWait(Stored):

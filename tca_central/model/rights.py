@@ -10,11 +10,6 @@ from tca_wire.vocabulary import Permission
 OWNER = "owner"
 """The name of central's own user in the permissions file."""
 
-MOST_LICENCES = 10_000
-"""The number of valid licences. Each sender of direct messages needs one."""
-MOST_BARRED = 10_000
-"""The number of revoked licences that are remembered, the newest."""
-
 _REMEMBERED = 4096  # cached decisions per connection
 
 
@@ -40,30 +35,14 @@ class Rights(Stored):
 
 
 class Permissions(Stored):
-    """The rules of access, the owners of outcomes, and the licences to send directly."""
+    """The rules of access, and the owners of outcomes."""
 
-    __slots__ = ("barred", "licences", "newest_licence", "outcome_owners", "rules")
+    __slots__ = ("outcome_owners", "rules")
 
     def __init__(self) -> None:
         self.rules: tuple[AccessRule, ...] | None = None  #: None: all users may do everything
         #: By ended task with a stored outcome: the principal that sent the task.
         self.outcome_owners: dict[int, str] = {}
-        #: By number, oldest first: the owner of each valid licence.
-        self.licences: dict[int, str] = {}
-        self.newest_licence = 0
-        self.barred: list[int] = []  #: the newest revoked licences
-
-    def new_licence(self, principal: str) -> int:
-        """Return a new licence to send directly."""
-        self.newest_licence += 1
-        self.licences[self.newest_licence] = principal
-        return self.newest_licence
-
-    def bar(self, numbers: list[int]) -> None:
-        """Revoke licences."""
-        for number in numbers:
-            self.licences.pop(number, None)
-        self.barred = (self.barred + numbers)[-MOST_BARRED:]
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:

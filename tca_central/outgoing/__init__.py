@@ -1,1 +1,1 @@
-"""Packets that no request asks for: central's own messages, copies, notices and routes."""
+"""Packets that no request asks for: central's own messages, copies and notices."""

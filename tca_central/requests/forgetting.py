@@ -84,8 +84,6 @@ def _forget(central: State, message: MessageType) -> None:
         why = "it has no handler, its module has left, and room was needed for other names"
         drop(central, inform, why, Dropping.OVERLOAD)
         central.budget.refused += 1
-    for connection in message.informed_senders:
-        connection.routes.pop(message, None)
     central.registry.forget_message(message)
 
 

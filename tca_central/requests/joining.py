@@ -22,7 +22,6 @@ from tca_central.model.deliveries import Connection, Delivery, Handler, Module, 
 from tca_central.model.registry import type_size
 from tca_central.model.rights import OWNER, Rights, rights_of
 from tca_central.model.tasks import Task
-from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.forgetting import make_room
 from tca_central.requests.replying import fail_delivery
@@ -83,12 +82,7 @@ def greet(
         central.restart_pause.awaited.pop(connection, None)
     else:
         connection = Connection(connection_id, session, module, header.connection)
-        connection.entrance = (
-            direct_routes.own_entrance(central, header) if header.resource else None
-        )
-        # A slot with an entrance prefetches nothing: direct messages could overtake such messages.
-        if connection.entrance is None:
-            connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
+        connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         connection.hung_after = header.hung_after if header.resource else 0.0
         _join(central, connection, header.resource)
     connection.pulse, connection.rights = header.pulse, rights
@@ -149,8 +143,6 @@ def _check_hello(header: headers.Hello) -> None:
     checked_seconds(header.hung_after, "a handler that hangs")
     if len(header.pulse) > Limit.NAME:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
-    if header.entrance is not None:
-        direct_routes.check_entrance(header.entrance)
 
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
@@ -207,17 +199,14 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
             facts.ResourceChanged(module.name, resource.name, resource.capacity + 1)
         )
         central.dispatcher.add_slot(connection, resource)
-        direct_routes.review_slots(central, connection)
 
 
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
     """Welcome a connection: a new one, or one that asks whether central still knows it."""
-    direct_routes.forget_sender(connection)
     welcome = headers.Welcome(
         header.number, PROTOCOL_VERSION, connection.module.name, central.epoch
     )
     central.notify(connection, welcome)
-    direct_routes.send_invalid_licences(central, connection)
 
 
 def on_receipt(central: State, connection: Connection, header: headers.Receipt, _: bytes) -> None:
@@ -261,7 +250,6 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     oldest_lost = central.registry.forget_connection(connection)
     for one in (oldest_lost, None if lost else connection):
         central.answers.forget_all(one)
-    direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):
         give_up(central, connection, number)
     claims.end_claims_of_connection(central, connection)
@@ -277,8 +265,6 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
-        direct_routes.review_slots(central, connection)
-        direct_routes.report_closed_slot(central, connection, why, lost=lost)
     _forget_if_gone(central, module, why, lost=lost)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
@@ -416,7 +402,6 @@ def on_register(central: State, connection: Connection, header: headers.Register
             )
             raise RequestError(Refusal.PROTOCOL, text)
         known = new.get(handled.message) or registry.messages[handled.message].format
-        direct_routes.check_handler(handled, known.message_class)
         check_custom_handler(handled, known)
     _make_room(central, header)
     for declared in header.messages:
@@ -468,7 +453,6 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     message = central.registry.messages[handled.message]
     handler = Handler(message, module, resource, handled)
     central.dispatcher.add_handler(handler)
-    direct_routes.review(central, [message])
     send_value_to_watcher(central, handler)
 
 
@@ -497,7 +481,6 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
     queued = central.dispatcher.remove_handlers(handlers)
     if queued:
         _send_elsewhere(central, queued, handlers[0].module.name)
-    direct_routes.review(central, [handler.message for handler in handlers])
 
 
 def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None:

@@ -4,7 +4,6 @@ from tca_central.events import PermissionsChanged
 from tca_central.model.deliveries import Module, Wiretap
 from tca_central.model.rights import Rights, rights_of
 from tca_central.model.tasks import Task, place_of
-from tca_central.outgoing import direct_routes
 from tca_central.requests.joining import disconnect, remove_handlers
 from tca_central.state import State
 from tca_central.watching import taps
@@ -33,7 +32,6 @@ def change_permissions(central: State, event: PermissionsChanged) -> None:
                 disconnect(central, connection, why, lost=True)
         if rights is not None:
             _remove_forbidden(central, module, rights)
-    direct_routes.review_licences(central)
 
 
 def _remove_forbidden(central: State, module: Module, rights: Rights) -> None:

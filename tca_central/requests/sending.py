@@ -29,7 +29,6 @@ from tca_central.outgoing.central_messages import (
     route_one_way,
     suspend,
 )
-from tca_central.outgoing.direct_routes import offer_route
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, State
 from tca_central.watching.taps import fire_after
@@ -62,8 +61,6 @@ def on_send(central: State, connection: Connection, header: Send, body: bytes) -
         if header.number:
             central.accept(connection, header.number)
         return
-    if message.route:
-        offer_route(central, connection, message)
     SENDERS[message.message_class](central, connection, header, message, body)
 
 

@@ -211,11 +211,8 @@ class KeyGate(Gate):
 
 
 def key_owners(central: Central) -> set[str]:
-    """Return the names of keys whose programs are, or were, connected to central."""
-    registry = central.registry
-    owners = {module.principal for module in registry.modules.values()} | {
-        *registry.permissions.licences.values()
-    }
+    """Return the names of keys whose programs are connected to central."""
+    owners = {module.principal for module in central.registry.modules.values()}
     return {owner for owner in owners if owner and not owner.startswith("uid:")}
 
 

@@ -59,7 +59,6 @@ class LogLines:
         self._unhandled: set[str] = set()
         self._writers: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._count_loss,
-            facts.LostDirectly: self._count_loss,
             facts.RequestRefused: self._refused,
             facts.Ignored: lambda fact, _: log.warning(
                 "nothing done for module '%s': %s", fact.sender, fact.text

@@ -11,20 +11,13 @@ PERIOD = 1.0
 """Seconds between two lines about one kind of loss."""
 
 
-def loss_in(fact: Any) -> tuple[str, str, int] | None:
-    """Return the kind, reason and number of losses that a fact reports; None if there are none."""
+def loss_in(fact: Any) -> tuple[str, str] | None:
+    """Return the kind and reason of the loss that a fact reports; None if it reports none."""
     match fact:
         case facts.Dropped(dropping=Dropping.OVERLOAD):
-            return f"dropped '{fact.message}'", fact.why, 1
-        case facts.LostDirectly():
-            what = f"direct '{fact.message}'" if fact.message else "notes of direct messages"
-            return (
-                f"module '{fact.module}' lost {what}",
-                "its handler is too slow, left or died",
-                fact.number,
-            )
+            return f"dropped '{fact.message}'", fact.why
         case facts.RequestRefused(refusal=Refusal.OVERLOAD):
-            return f"refused module '{fact.sender}'", fact.text, 1
+            return f"refused module '{fact.sender}'", fact.text
     return None
 
 
@@ -36,10 +29,10 @@ class LossLog:
         #: By kind of loss: the time of its last line, the losses since then, and their reason.
         self._lines: dict[str, tuple[float, int, str]] = {}
 
-    def count(self, kind: str, why: str, number: int, now: float) -> None:
-        """Count *number* losses; log them unless their kind was logged within the period."""
+    def count(self, kind: str, why: str, now: float) -> None:
+        """Count a loss; log it unless its kind was logged within the period."""
         logged_at, earlier, _ = self._lines.get(kind, (-inf, 0, ""))
-        self._lines[kind] = logged_at, earlier + number, why
+        self._lines[kind] = logged_at, earlier + 1, why
         if now - logged_at >= PERIOD:
             self._write(kind, now)
 

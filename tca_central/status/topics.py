@@ -120,7 +120,6 @@ def _handler(handler: Handler) -> dict[str, Any]:
         "resource": resource.name,
         "pool": handler.pool,
         "pending": handler.pending,
-        "direct": bool(handler.message.route) and handler is handler.message.handlers[-1],
         "capacity": resource.capacity,
         "waiting": resource.waiting,
     }

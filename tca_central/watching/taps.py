@@ -19,7 +19,6 @@ from tca_central.model.deliveries import Connection, Delivery, MessageType, Modu
 from tca_central.model.intervals import unified
 from tca_central.model.task_tree import first_moments, taps_of, to_be_fired
 from tca_central.model.tasks import Tapping, Task, place_of
-from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
 from tca_central.state import State
 from tca_central.watching.watches import (
@@ -290,7 +289,6 @@ def _add(
     central.facts.append(
         facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name)
     )
-    direct_routes.review(central, [tapped])
     return tap
 
 
@@ -307,8 +305,6 @@ def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -
     tap.place.taps.remove(tap)
     del central.taps[tap.id]
     central.facts.append(facts.Removed(tap.id, by.name))
-    if isinstance(tap.place, MessageType):
-        direct_routes.review(central, [tap.place])
 
 
 def forget_task(central: State, task: Task) -> None:

@@ -29,7 +29,6 @@ from tca_wire.endpoint import IS_STARTED_VARIABLE
 from tca_wire.messages.message import Message, with_needed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
-from tca_wire.packets.large import is_large
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
@@ -273,16 +272,10 @@ class Connection(Waits):
         with self.locked():
             self._catch_up_for(header)
             body = self.line.stored(header, body)
-            if not (wants_answer and isinstance(header, headers.Send)):
-                request = self.session.request(header, body, wants_answer=wants_answer)
-            elif (
-                not is_large(body)
-                and (asked := self.direct.routes.send_query(header, body)) is not None
-            ):
-                self.line.flush(wait_seconds=0)
-                return asked
-            else:
+            if wants_answer and isinstance(header, headers.Send):
                 request = self.session.ask(header, body)
+            else:
+                request = self.session.request(header, body, wants_answer=wants_answer)
             self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
@@ -361,9 +354,6 @@ class Connection(Waits):
         with self.locked():
             self._catch_up_for(header)
             body = self.line.stored(header, body)
-            if not is_large(body) and self.direct.routes.send_inform(header, body):
-                self.line.flush(wait_seconds=0)
-                return
             dropped = self.session.dropped
             self.session.post(header, body)
             self.line.flush()
@@ -377,9 +367,7 @@ class Connection(Waits):
         """Send the outcome of a handler. Its large data were stored when they were encoded."""
         with self._lock:
             body = self.line.large.restore(body)
-            if self.direct.reply(header, body):
-                self.session.open_deliveries.remove(header.delivery)
-            elif not self.session.reply(header, body, self.line.handler_time()):
+            if not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
 
     def store(self, body: bytes, what: object) -> bytes:
@@ -446,16 +434,14 @@ class Connection(Waits):
         with self._lock:
             session = self.session
             try:
-                self.direct.stop_receiving()
                 self._wait_for_arrival(linger, lost_before)
                 # If something is still unconfirmed, central is away, and callbacks would wait.
-                if self.is_own_thread and not self.has_unconfirmed:
+                if self.is_own_thread and session.is_confirmed:
                     self.process_pending()
                     self._wait_for_arrival(linger, lost_before)
             finally:
                 number = self.missing - lost_before
                 why = self._why_missing() if number else ""
-                self.direct.report(at_once=True)
                 if session.post(headers.Bye(self.crash)):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
@@ -470,9 +456,8 @@ class Connection(Waits):
         that was sent has arrived.
         """
         self.call_soon(self.session.confirm)
-        self.call_soon(self.direct.routes.confirm)
         until = self.now() + within
-        while self.now() < until and self.has_unconfirmed:
+        while self.now() < until and not self.session.is_confirmed:
             if self._lock.acquire(timeout=STEP):
                 return True
         return False
@@ -480,29 +465,14 @@ class Connection(Waits):
     def drop(self) -> None:
         """Close without a goodbye: central counts unanswered deliveries as failed."""
         with self._lock:
-            self.direct.close()
             self.transport.close()
             self.line.large.close()
 
     @property
     def missing(self) -> int:
         """The number of messages that may not have arrived."""
-        return (
-            self.lost
-            + self.session.unconfirmed
-            + self.session.sends.unacknowledged
-            + self.direct.routes.unconfirmed
-        )
-
-    @property
-    def lost(self) -> int:
-        """The number of informs, broadcasts and variable changes that are lost or may be."""
-        return self.session.lost + self.direct.routes.lost
-
-    @property
-    def has_unconfirmed(self) -> bool:
-        """Whether central, or a handler, has yet to confirm that something arrived."""
-        return bool(self.direct.routes.unconfirmed) or not self.session.is_confirmed
+        session = self.session
+        return session.lost + session.unconfirmed + session.sends.unacknowledged
 
     def count_messages(self, number: int) -> str:
         """Return "*number* messages of this module", for errors."""
@@ -513,14 +483,14 @@ class Connection(Waits):
 
         While central is away, this waits only if there are new losses or unacknowledged sends.
         """
-        session, routes, since = self.session, self.direct.routes, self.now()
-        must_wait = not session.is_confirmed and (
-            session.is_welcome or self.lost > lost_before or session.sends.unacknowledged > 0
+        session, since = self.session, self.now()
+        may_wait = (
+            session.is_welcome or session.lost > lost_before or session.sends.unacknowledged > 0
         )
-        if must_wait:
-            session.confirm()
-        routes.confirm()
-        while (must_wait and not session.is_confirmed) or routes.unconfirmed:
+        if session.is_confirmed or not may_wait:
+            return
+        session.confirm()
+        while not session.is_confirmed:
             left = since + within - self.now()
             session.send_due(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
@@ -533,8 +503,4 @@ class Connection(Waits):
         where = f"central at {self.transport.address}"
         if not self.session.is_confirmed:
             return f"{where}: {self.line.advice()}"
-        if self.direct.routes.unconfirmed:
-            return "their handler, which does not answer"
-        if self.session.lost:
-            return f"{where}: the connection broke"
-        return "their handler, which was disconnected"
+        return f"{where}: the connection broke"

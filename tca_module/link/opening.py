@@ -2,22 +2,18 @@
 
 import os
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from secrets import token_hex
-from typing import Any, Protocol
+from typing import Protocol
 
 import msgspec
 
 from tca_module.checks import CENTRAL, check
-from tca_module.direct.messages import DirectMessages
 from tca_module.link.connection import Connection
-from tca_module.log import log_of
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.session import PREFETCH, Session
-from tca_module.sockets.direct import EntranceSocket
 from tca_module.sockets.transport import DealerTransport, Transport
 from tca_wire.endpoint import default_endpoint
-from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
 
 
@@ -37,54 +33,29 @@ def open_connection(
     hello: Hello,
     patience: float,
     is_stopped: Callable[[], bool] = lambda: False,
-    direct: Iterable[Message[Any, Any]] = (),
     attachments: LastingAttachments | None = None,
     *,
     logs_wait: bool = False,
 ) -> Connection:
     """Open a connection and return it when central has welcomed it.
 
-    *direct*: the messages that this connection receives directly. With *logs_wait*, a wait for
-    central of more than a second is logged. Raises CentralLost if central does not answer within
-    *patience* seconds.
+    With *logs_wait*, a wait for central of more than a second is logged. Raises CentralLost if
+    central does not answer within *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
-        address = default_endpoint() if central is None else central
-        connection = _connect_by_socket(address, hello, patience, list(direct), attachments)
+        socket_transport = DealerTransport(default_endpoint() if central is None else central)
+        transport: Transport = socket_transport
+        hello = msgspec.structs.replace(hello, pulse=socket_transport.pulse)
     else:
-        connection = Connection(central.transport(), Session(hello, attachments), patience=patience)
+        transport = central.transport()
+    connection = Connection(transport, Session(hello, attachments), patience=patience)
     try:
         connection.open(is_stopped, logs_wait=logs_wait)
     except BaseException:
         connection.drop()
         raise
     return connection
-
-
-def _connect_by_socket(
-    address: str,
-    hello: Hello,
-    patience: float,
-    direct: list[Message[Any, Any]],
-    attachments: LastingAttachments | None,
-) -> Connection:
-    transport, entrance_socket = DealerTransport(address), None
-    hello = msgspec.structs.replace(hello, pulse=transport.pulse)
-    if direct:
-        try:
-            entrance_socket = EntranceSocket(address)
-            hello = msgspec.structs.replace(hello, entrance=entrance_socket.entrance)
-        except OSError as error:
-            log = log_of(hello.module)
-            log.warning(
-                "'%s' can't receive direct messages (%s): all go through central",
-                hello.resource,
-                error,
-            )
-    session = Session(hello, attachments)
-    direct_messages = DirectMessages(session, transport, entrance_socket, direct)
-    return Connection(transport, session, patience=patience, direct=direct_messages)
 
 
 def hello(

@@ -1,10 +1,9 @@
-"""Exchanges packets with central, and direct packets. Each call has a bounded wait."""
+"""Exchanges packets with central. Each call has a bounded wait."""
 
 import math
 from collections.abc import Callable
 from typing import Any
 
-from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.large.bodies import LargeBodies
 from tca_module.log import log_of
@@ -32,18 +31,11 @@ STALL = 2.0  # if a wait ends this many seconds too late, the whole process was 
 class PacketLine:
     """Sends and receives the packets of one connection."""
 
-    def __init__(
-        self,
-        session: Session,
-        transport: Transport,
-        direct: DirectMessages,
-        clock: Callable[[], float],
-    ) -> None:
+    def __init__(self, session: Session, transport: Transport, clock: Callable[[], float]) -> None:
         self.session = session
         self._transport = transport
         #: the handlers' clock, in seconds; a stepped clock stands still
         self.handler_time = transport.time
-        self.direct = direct
         self.clock = clock
         self._log = log_of(session.module)
         self._receipts = Receipts()
@@ -121,12 +113,10 @@ class PacketLine:
         The wait also ends at *alarm*, a time of the handlers' clock.
         """
         packet = self._transport.receive(timeout, alarm)
-        if packet is not None:
-            self._process(packet)
-        else:
-            self.direct.report()  # only after the last packet, which may say that central ended
-        self.direct.listen()
-        return packet is not None
+        if packet is None:
+            return False
+        self._process(packet)
+        return True
 
     def _process(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
@@ -186,7 +176,6 @@ class PacketLine:
                 if not self._transport.send(packet, wait_seconds):
                     self.session.outgoing = outgoing[sent:]
                     if not is_patient:
-                        self.direct.retain_unsent(self.session.outgoing)
                         self.session.break_off()
                     return False
         return True

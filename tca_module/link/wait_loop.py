@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.link.turns import TURN_SECONDS, Turns
+from tca_module.link.turns import Turns
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, never, wake_error, working_on
 from tca_module.session.request import Request
 from tca_module.session.session import UNBROKEN, quiet_within
@@ -26,7 +26,6 @@ class WaitLoop:
     def __init__(self, line: PacketLine, lock: threading.RLock, patience: float) -> None:
         self._session = line.session
         self._turns = Turns(line, lock)
-        self._direct = line.direct
         self._line = line
         self._clock = line.clock
         #: seconds of central's silence after which a wait raises CentralLost
@@ -168,7 +167,7 @@ class WaitLoop:
         until = min(deadline, due, max(session.heard, since) + patience)
         if not session.is_welcome:
             until = min(deadline, max(until, now + STEP))
-        return self._direct.seconds_until_due(max(0.0, until - now))
+        return max(0.0, until - now)
 
     def _wait(
         self,
@@ -226,7 +225,7 @@ class WaitLoop:
         session, handle = self._session, self.handle_delivery
         if handle is None:
             return False
-        delivery = self._direct.next_delivery() if session.deliveries else None
+        delivery = session.deliveries.popleft() if session.deliveries else None
         if delivery is None and is_nested and self._check_next() and not session.is_claiming:
             delivery = session.prefetched.popleft()
         if delivery is not None:
@@ -235,13 +234,7 @@ class WaitLoop:
 
     def _flush_within(self, left: float) -> bool:
         """Send the outgoing headers; return whether they left in time."""
-        session = self._session
-        if session.is_welcome:
-            within = SEND_WAIT
-        elif self._direct.is_used and session.epoch:
-            within = 0.0  # direct messages still arrive while central is away
-        else:
-            within = STEP
+        within = SEND_WAIT if self._session.is_welcome else STEP
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
     def _after_message(self, deadline: float, grace: float) -> tuple[float, float]:
@@ -268,13 +261,7 @@ class WaitLoop:
         return self._session.can_begin_next
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle prefetched or direct messages for a millisecond, when nothing else is due."""
+        """Handle prefetched messages for a millisecond, when nothing else is due."""
         if self._check_next():
             session = self._session
             self._turns.run(lambda: session.may_begin_next and not self.has_pending_call, handle)
-            return
-        until = self._clock() + TURN_SECONDS
-        while (message := self._direct.next_message()) is not None:
-            handle(*message)
-            if self.has_pending_call or self._clock() >= until:
-                return

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from tca_module.checks import BRIEF, TIMEOUT, check
-from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CLOCK_STANDS, CentralLost, MisuseError
 from tca_module.link.one_thread import ThreadBound
 from tca_module.link.packet_line import PacketLine
@@ -94,7 +93,7 @@ class AnnouncedWait:
         A deciding answer is the last one of a request, or the first one of an observation.
         """
         requests = self.requests
-        are_open = all(one.was_sent and not one.is_over and one.path is None for one in requests)
+        are_open = all(one.was_sent and not one.is_over for one in requests)
         changes = [one.answers_seen for one in requests if isinstance(one.header, Observe)]
         if not (self.connection.session.is_welcome and are_open and all(changes)):
             return None
@@ -115,20 +114,17 @@ class Waits(ThreadBound):
         session: Session,
         *,
         patience: float = PATIENCE,
-        direct: DirectMessages | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
         self.session = session
         self.transport = transport
-        #: sends and receives messages without central
-        self.direct = direct or DirectMessages(session)
         #: awaits an answer to a request; set by the event loop of ``async def`` handlers
         self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None
         #: sleeps until a time of the handlers' clock; also set by the event loop
         self.await_moment: Callable[[float], Awaitable[None]] | None = None
         self.now = clock  #: a monotonic clock, in seconds
-        self.line = PacketLine(session, transport, self.direct, clock)
+        self.line = PacketLine(session, transport, clock)
         self.wait_loop = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
@@ -239,8 +235,7 @@ class Waits(ThreadBound):
             if why := self.why_silent:
                 self.abandon(request)
                 return why
-            if (asked := given_up.abandon_asking_why(self.session, request)) is None:
-                return "it went to its handler directly, which had not answered"
+            asked = given_up.abandon_asking_why(self.session, request)
             with contextlib.suppress(CentralLost):
                 self.wait_loop.until(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)

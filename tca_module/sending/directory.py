@@ -54,7 +54,6 @@ class HandlerInfo(msgspec.Struct, frozen=True):
         pool: the pool in which the handler shares the messages; "" without a pool.
         pending: the most messages of this name that may wait for the handler; 0 for no limit.
         waiting: the number of messages that wait for the handler's resource.
-        direct: whether senders may at present send to the handler directly, without central.
     """
 
     module: str
@@ -63,7 +62,6 @@ class HandlerInfo(msgspec.Struct, frozen=True):
     pool: str
     pending: int
     waiting: int
-    direct: bool = False
 
 
 class MessageInfo(msgspec.Struct, frozen=True):

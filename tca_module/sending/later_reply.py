@@ -165,7 +165,7 @@ class LaterReply(ReportingTask, Generic[R]):
             if self._answer is not None:
                 self._connection.call_soon(self._send)  # after all its reports
                 return
-        if self._delivery.delivery > 0 and (self.frees_slot or self._state is not None):
+        if self.frees_slot or self._state is not None:
             self._connection.postpone(Postpone(self._delivery.delivery, self.frees_slot))
 
     def end(self, why: str) -> None:

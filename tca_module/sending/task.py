@@ -64,8 +64,7 @@ class Task(Sender, TaskNode, ReportingTask):
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
         epoch = connection.session.epoch
         task_id = with_epoch(delivery.task, epoch, self._what)
-        origin = max(0, delivery.delivery)  # central does not know direct deliveries
-        Sender.__init__(self, task_id, with_epoch(origin, epoch, self._what))
+        Sender.__init__(self, task_id, with_epoch(delivery.delivery, epoch, self._what))
         TaskNode.__init__(self, task_id)
         self.began = connection.now()
         self.later: LaterReply[Any] | None = None
@@ -76,7 +75,7 @@ class Task(Sender, TaskNode, ReportingTask):
 
     @property
     def delivery(self) -> int:
-        """The number by which central knows this delivery; below 0 for a direct message."""
+        """The number by which central knows this delivery."""
         return self._delivery.delivery
 
     @property
@@ -342,8 +341,7 @@ class Task(Sender, TaskNode, ReportingTask):
         until then, the slot handles only tasks below this one.
 
         Args:
-            frees_slot: the slot handles any message in the meantime. Default: False. A message that
-                was sent directly occupies its slot in any case.
+            frees_slot: the slot handles any message in the meantime. Default: False.
 
         Returns:
             The LaterReply. Each call returns the same one.
@@ -388,11 +386,10 @@ class Task(Sender, TaskNode, ReportingTask):
     def raise_send_errors(self) -> None:
         """Raise the error of a task that the handler has sent, if one is known.
 
-        The library calls this when the handler returns. After a direct message, this waits until
-        central has acknowledged all sends, because central does not know the handler's delivery.
+        The library calls this when the handler returns.
         """
         if self._link is not None:
-            self._link.raise_send_errors(self._origin, wait=self.delivery < 0)
+            self._link.raise_send_errors(self._origin, wait=False)
 
     def encode_reply(self, reply: Any) -> bytes:
         """Return the handler's reply or result as it is sent. Raises BadData or Refused."""

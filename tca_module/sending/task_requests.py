@@ -140,18 +140,13 @@ class ServerState:
         self._task = with_epoch(delivery.task, epoch, self._what)
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
-        # A coroutine that waits for a client's request awaits this Request. Because of its path, it
-        # looks like a direct request, so central is not informed of the wait. Central need not
-        # know, because any client may end the wait.
+        # A coroutine that waits for a client's request awaits this Request. It is never sent, so it
+        # has no number. Central need not know of the wait, because any client may end it.
         self._awaited = Request(Observe(0), b"", wants_answer=True)
-        self._awaited.path = self
         open_delivery.on_request += (self._wake,)
 
     def __repr__(self) -> str:
         return self._what
-
-    def abandon(self, _: Request) -> None:
-        """Do nothing, because central does not know of the wait for requests that has ended."""
 
     def _wake(self) -> None:
         """Wake the coroutine that waits for requests."""

@@ -137,7 +137,7 @@ class CoroutineWaits:
                 members = _members(task)
                 if not members or not tasks.issuperset(members):
                     return ()
-            elif future.done() or request.is_over or request.path is not None:
+            elif future.done() or request.is_over or not request.header.number:
                 return ()
             else:
                 requests.append(request)

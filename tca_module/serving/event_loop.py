@@ -56,16 +56,16 @@ class EventLoop:
         #: the handlers that have ended since the loop last turned
         self._ended: list[OpenDelivery] = []
         self._has_warned: set[str] = set()  #: the handlers that the log has warned of
-        files = (connection.transport.fileno(), connection.transport.waker().fileno())
+        transport = connection.transport
         self._selector = selector = _Selector(
-            files[0], self._has_work, connection.transport, self._warn_of_blocking
+            transport.waker().fileno(), self._has_work, transport, self._warn_of_blocking
         )
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
         self._coroutine_waits = CoroutineWaits(
             self._loop, connection, partial(self._schedule_keep_alive, STEP)
         )
-        for file in files:
+        for file in transport.files():
             self._loop.add_reader(file, self._on_news)
         #: the earliest start of central's silence; the time of the last ``_keep_alive``
         self._silent_since = self._kept_alive = self._loop.time()
@@ -178,7 +178,7 @@ class EventLoop:
             connection.transport.has_arrived()
             or connection.wait_loop.has_pending_call
             or any(map(connection.session.open_deliveries.wake_reason, self._tasks))
-            or bool(connection.direct.has_delivery and not self._is_closing)
+            or bool(connection.session.deliveries and not self._is_closing)
         )
 
     def _on_news(self) -> None:
@@ -206,8 +206,8 @@ class EventLoop:
         self._warn_of_blocking()
         silence = connection.keep_alive(self._silent_since)
         connection.wait_loop.run_pending_calls()
-        while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
-            self._handle_delivery(*delivery)
+        while not self._is_closing and connection.session.deliveries:
+            self._handle_delivery(*connection.session.deliveries.popleft())
         self._selector.turned = time.monotonic()  # plain handlers and callbacks may take long
         return silence
 
@@ -223,7 +223,7 @@ class EventLoop:
                 self._wake_waiters(request, self._connection.line.lost_error())
         if not self._coroutine_waits.report_standing(now):
             calm = min(_CALM, quiet_within(self._connection.wait_loop.patience))
-            self._schedule_keep_alive(max(STEP, self._connection.direct.seconds_until_due(calm)))
+            self._schedule_keep_alive(max(STEP, calm))
 
     def _schedule_keep_alive(self, seconds: float) -> None:
         """Schedule ``_keep_alive`` if a coroutine is run."""

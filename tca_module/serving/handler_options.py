@@ -8,7 +8,7 @@ from tca_module.checks import check_options, quoted
 from tca_module.errors import MisuseError
 from tca_module.following.followed_task import life_cycle_of
 from tca_wire.messages.controls import Monitor
-from tca_wire.messages.declarations import Inform, Message, Query, Variable
+from tca_wire.messages.declarations import Message, Variable
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.vocabulary import Busy, Party
 
@@ -31,9 +31,6 @@ class HandlerOptions(TypedDict, total=False):
         pending: number of messages that may wait for this handler. One more displaces the oldest
             message: an inform or broadcast is dropped, a query fails with "overload", a goal or
             command is killed. Default: None, no bound.
-        direct: let senders send this inform or query straight to this handler. This is faster, but
-            has no priority, and the journal does not record the data. While a wiretap or another
-            handler wants the message, it goes through central. Default: False.
         accepts: the handler calls ``task.accept()`` itself. Default: False, a task counts as
             accepted when the handler starts.
         takes: requests of clients that the handler decides about, such as ["update", "cancel"].
@@ -47,7 +44,6 @@ class HandlerOptions(TypedDict, total=False):
     resource: Annotated[str | None, checks.NAME_OR_NONE, None]
     pool: Annotated[str | None, checks.NAME_OR_NONE, None]
     pending: Annotated[int | None, checks.PENDING, None]
-    direct: Annotated[bool, checks.FLAG, False]
     accepts: Annotated[bool, checks.FLAG, False]
     takes: Annotated[Collection[str], _TRANSITIONS, ()]
     refuses: Annotated[Collection[str], _TRANSITIONS, ()]
@@ -81,7 +77,7 @@ def checked_format(
     """
     checks.check("handles()", checks.MESSAGE, message=message)
     check_options(message.title, options, HandlerOptions)
-    _check_class(message, options.get("pending"), direct=options.get("direct", False))
+    _check_class(message, options.get("pending"))
     _check_transitions(message, options)
     resource = options.get("resource") or own_resource
     when_busy: WhenBusy = "queue"
@@ -92,7 +88,6 @@ def checked_format(
         resource,
         options.get("pool") or "",
         options.get("pending") or 0,
-        options.get("direct", False),
         options.get("accepts", False),
         sorted(options.get("takes", ())),
         sorted(options.get("refuses", ())),
@@ -100,7 +95,7 @@ def checked_format(
     )
 
 
-def _check_class(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
+def _check_class(message: Message[Any, Any], pending: int | None) -> None:
     what = message.title
     if isinstance(message, Monitor):
         why = "central carries it out; handle the messages that it sends"
@@ -108,11 +103,6 @@ def _check_class(message: Message[Any, Any], pending: int | None, *, direct: boo
     if isinstance(message, Variable) and pending not in (None, 1):
         why = "only its newest value waits"
         raise MisuseError(f"{what} can't be handled with pending={pending}: {why}")
-    if direct and not isinstance(message, Inform | Query):
-        raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
-    if direct and pending:
-        why = "direct messages wait at their senders, not in central"
-        raise MisuseError(f"{what} can't be handled with direct=True and pending={pending}: {why}")
 
 
 def _check_transitions(message: Message[Any, Any], options: HandlerOptions) -> None:

@@ -76,12 +76,16 @@ class Slot:
         self.thread.start()
 
     def _run(self) -> None:
-        central, patience, _, handlers, stop, attachments = self._serving
-        mine = [one for one in handlers.values() if one.resource == self.hello.resource]
-        direct = [handler.message for handler in mine if handler.format.direct]
+        serving = self._serving
         try:
             self._serve(
-                open_connection(central, self.hello, patience, stop.is_set, direct, attachments)
+                open_connection(
+                    serving.central,
+                    self.hello,
+                    serving.patience,
+                    serving.stop.is_set,
+                    serving.attachments,
+                )
             )
         except Stopped:
             self.ready.set()
@@ -135,7 +139,7 @@ class Slot:
             for delivery in connection.session.open_deliveries.begun:
                 connection.reply(*module_end_failure(delivery, error))
         try:
-            connection.close(self._serving.linger, connection.lost)
+            connection.close(self._serving.linger, connection.session.lost)
         except NotSent as lost:
             if error is None:
                 raise

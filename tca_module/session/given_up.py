@@ -17,9 +17,7 @@ def abandon(session: Session, request: Request) -> None:
     number, origin = request.header.number, getattr(request.header, "origin", 0)
     if isinstance(request.header, headers.Release | headers.GiveUp):
         return  # central must get this request, although nothing waits for an answer
-    if request.path is not None:
-        request.path.abandon(request)
-    elif session.requests.pop(number, None) is not None and request.wants_answer:
+    if session.requests.pop(number, None) is not None and request.wants_answer:
         # Central may have received the request before it went away. The GiveUp is repeated after
         # a break, as every request is.
         if request.was_sent:
@@ -32,15 +30,8 @@ def abandon(session: Session, request: Request) -> None:
             request.is_over, request.why_lost = True, "it was given up"
 
 
-def abandon_asking_why(session: Session, request: Request) -> Request | None:
-    """Give up a request that took too long.
-
-    Returns the request that asks central for the reason of the delay; None if the request was sent
-    directly.
-    """
-    if request.path is not None:
-        request.path.abandon(request)
-        return None
+def abandon_asking_why(session: Session, request: Request) -> Request:
+    """Give up a request that took too long; return one that asks central for the reason."""
     number = request.header.number
     session.requests.pop(number, None)
     return session.request(

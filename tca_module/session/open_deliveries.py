@@ -72,8 +72,7 @@ class OpenDeliveries:
     def __init__(self) -> None:
         #: whether the module ends, so that handlers must be woken
         self.is_ending: Callable[[], bool] = never
-        #: number -> delivery; a direct delivery (< 0) is added when its handler starts
-        self._known: dict[int, OpenDelivery] = {}
+        self._known: dict[int, OpenDelivery] = {}  #: number -> delivery
         #: delivery -> what central was told of it: its handler has returned, and replies later
         self.postponed: dict[int, Postpone] = {}
 
@@ -126,12 +125,10 @@ class OpenDeliveries:
 
     def forget(self) -> None:
         """Forget all deliveries of a restarted central, which may use the same numbers again."""
-        for delivery, handler in self._known.items():
-            handler.is_killed = delivery > 0
+        for handler in self._known.values():
+            handler.is_killed = True
             handler.why_killed = "central was restarted and has forgotten it"
-        self._known = {
-            delivery: handler for delivery, handler in self._known.items() if delivery < 0
-        }
+        self._known.clear()
         self.postponed.clear()
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
@@ -172,12 +169,9 @@ class OpenDeliveries:
         return state
 
     def is_killed(self, delivery: int) -> bool:
-        """Return whether the task of a delivery was killed or forgotten.
-
-        Never true for a direct delivery (< 0).
-        """
+        """Return whether the task of a delivery was killed or forgotten."""
         handler = self._find(delivery)
-        return handler.is_killed if handler is not None else delivery > 0
+        return handler is None or handler.is_killed
 
     def is_cancelled(self, delivery: int) -> bool:
         """Return whether a handler should return: its task was killed, or its module ends."""

@@ -40,7 +40,7 @@ class OpenRequests:
     def ask(self, header: Any, body: bytes, *, wants_answer: bool = True) -> Request:
         """Make a request whose fields have been checked."""
         request = Request(header, body, wants_answer=wants_answer)
-        self.adopt(request)
+        self._begin(request)
         return request
 
     def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
@@ -54,7 +54,7 @@ class OpenRequests:
         request = Request(header, body, wants_answer=False)
         request.what, request.sender_name = what, self.open_deliveries.name_of(header.origin)
         self.sends.unacknowledged += 1
-        self.adopt(request)
+        self._begin(request)
         return request
 
     def _send(self, request: Request) -> None:
@@ -62,9 +62,8 @@ class OpenRequests:
         request.statements_before, request.answers_seen = self._posted, 0
         self.outgoing.append((request.header, request.body))
 
-    def adopt(self, request: Request) -> None:
-        """Send a request to central: a new one, or a direct one that its slot will not start."""
-        request.path = None
+    def _begin(self, request: Request) -> None:
+        """Number a new request, and send it to central."""
         self._number(request)
         if self.is_welcome:
             self._send(request)
@@ -84,7 +83,7 @@ class OpenRequests:
 
     def finish(self, request: Request, why_lost: str = "") -> None:
         """Finish a request, and notify its waiters. *why_lost*: how the request was lost, if so."""
-        self.requests.pop(request.header.number, None)  # a direct request has no number here
+        self.requests.pop(request.header.number, None)
         request.is_over = True
         request.why_lost = why_lost or request.why_lost
         if isinstance(request.body, LargeBody):

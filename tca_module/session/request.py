@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, TcaError
 from tca_module.session.epoch_numbers import EpochNumber, forgotten_text
@@ -41,13 +41,6 @@ _WITHOUT_TASKS = (
 """Requests that any central understands, whatever it remembers."""
 
 
-class RequestPath(Protocol):
-    """The path of a request that does not go through central."""
-
-    def abandon(self, request: "Request") -> None:
-        """Give the request up."""
-
-
 class Request:
     """A numbered request and its answers.
 
@@ -70,8 +63,6 @@ class Request:
         "is_over",
         "notify",
         "on_over",
-        "path",
-        "path_number",
         "refused",
         "sender_name",
         "statements_before",
@@ -102,8 +93,6 @@ class Request:
         #: the name of the object of the request, if a restarted central has forgotten the object
         self.forgotten_subject = ""
         self.why_lock_lost = ""  #: how the lock that the request was granted was lost
-        self.path: RequestPath | None = None  #: the direct path of the request, if any
-        self.path_number = 0  #: the number of the request on that path
         # The next three are for tasks and changes that were sent without waiting for central.
         self.what = ""  #: the name of the task or change, for people
         self.sender_name = ""  #: the message whose handler has sent the task or change
@@ -124,8 +113,7 @@ class Request:
             return False
         if self.what:
             return header.quiet
-        is_unanswered = self.wants_answer and not self.answers and self.path is None
-        return is_unanswered and not header.blocking
+        return self.wants_answer and not self.answers and not header.blocking
 
     @property
     def waits_for_others(self) -> bool:

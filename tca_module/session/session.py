@@ -36,7 +36,6 @@ from tca_module.session.request import (
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe, Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
-from tca_wire.packets.routes import Barred, EntranceGone, Route
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
@@ -95,8 +94,6 @@ class Session(OpenRequests):
         self.prefetched: deque[tuple[headers.Deliver, bytes]] = deque()
         #: the newest probe because of prefetched messages
         self._recheck: Request | None = None
-        #: headers about direct messages
-        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()
         self.dropped = 0  #: number of statements that never left
         self.doubtful = 0  #: number of statements that were on their way when a connection broke
         self._arrived = 0  #: number of statements that central has received
@@ -320,7 +317,6 @@ class Session(OpenRequests):
         self._ON[type(header)](self, header, body)
 
     def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
-        self.routing.append(header)  # central sends all routes again after a Welcome
         was_welcomed, is_new_epoch = bool(self.epoch), header.epoch != self.epoch
         if self.is_welcome:
             if not is_new_epoch:
@@ -571,8 +567,5 @@ class Session(OpenRequests):
         headers.Beat: lambda *_: None,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,
-        **dict.fromkeys(
-            (Route, EntranceGone, Barred), lambda self, header, _: self.routing.append(header)
-        ),
     }
     """One handler per type of header from central."""

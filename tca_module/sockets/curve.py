@@ -23,44 +23,15 @@ def set_client_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | Non
     The socket then talks to no other central. Returns the key; None if this program uses no key.
     Raises MisuseError.
     """
-    if (key := key_for(address)) is not None:
-        set_key(socket, key)
-    return key
-
-
-def set_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
-    """Set a key on a socket, which then talks only to the key's central."""
-    socket.setsockopt(zmq.CURVE_SERVERKEY, key.central.encode())
-    socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
-    socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
-
-
-def key_for(address: str) -> ClientKey | None:
-    """Return the key that this program uses for the central at *address*; None without a key.
-
-    Raises MisuseError.
-    """
     try:
-        return client_key(address)
+        key = client_key(address)
     except KeyRefused as error:
         raise MisuseError(str(error)) from None
-
-
-def make_server(socket: "zmq.Socket[bytes]") -> str:
-    """Give a socket a new key, so that only clients that know its public key can connect.
-
-    Call this before the socket is bound. Returns the public key.
-    """
-    public, secret = zmq.curve_keypair()
-    socket.setsockopt(zmq.CURVE_SERVER, 1)
-    socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
-    return public.decode()
-
-
-def use_server_key(socket: "zmq.Socket[bytes]", server: str) -> None:
-    """Make a socket talk only to the owner of the public key *server*, and give it a new key."""
-    public, secret = zmq.curve_keypair()
-    set_key(socket, ClientKey("", public.decode(), secret.decode(), server))
+    if key is not None:
+        socket.setsockopt(zmq.CURVE_SERVERKEY, key.central.encode())
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
+        socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
+    return key
 
 
 def key_problem(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:

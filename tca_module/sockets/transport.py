@@ -6,7 +6,6 @@ import functools
 import math
 import os
 import select
-import selectors
 import socket as sockets
 import sys
 import threading
@@ -41,20 +40,7 @@ _PROBED_WITHIN = 0.2  # seconds
 _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
 
-class EventSource(Protocol):
-    """A source of events. A thread waits for them and for packets from central at once."""
-
-    def fileno(self) -> int:
-        """Return a file that becomes readable when something may have arrived.
-
-        Call ``has_arrived`` before each wait for the file.
-        """
-
-    def has_arrived(self) -> bool:
-        """Return whether there is something to do."""
-
-
-class Transport(EventSource, Protocol):
+class Transport(Protocol):
     """Carries packets to one central and back.
 
     Packets may be lost when the connection breaks, but their order is kept.
@@ -63,6 +49,9 @@ class Transport(EventSource, Protocol):
     @property
     def address(self) -> str:
         """Central's address, for people."""
+
+    def has_arrived(self) -> bool:
+        """Return whether something has arrived, or ``wake`` was called since the last call."""
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send a packet; return whether it left.
@@ -77,7 +66,7 @@ class Transport(EventSource, Protocol):
         """
 
     def files(self) -> Collection[int]:
-        """Return the files to wait for.
+        """Return the files to wait for. Call ``has_arrived`` before each wait.
 
         One of them becomes readable when something may have arrived, or when ``wake`` is called.
         """
@@ -212,8 +201,7 @@ def wait_for_files(
 
 
 # Plain integers, because combining pyzmq's enum members costs a microsecond each time.
-EVENTS, POLLIN, DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
-SNDMORE = int(zmq.SNDMORE | zmq.DONTWAIT)
+_EVENTS, _POLLIN, _DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
 
 
 def context() -> "zmq.Context[zmq.Socket[bytes]]":
@@ -238,9 +226,6 @@ class DealerTransport:
         self._is_woken_at_once = False
         #: a packet was sent lately, or each packet since then came soon after the one before
         self._is_lively = False
-        #: waits for the socket and all other sources
-        self._selector: selectors.DefaultSelector | None = None
-        self._sources: dict[EventSource, int] = {}  #: other source -> its file
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
@@ -262,7 +247,7 @@ class DealerTransport:
         """Send a packet; return whether it left. Waits *wait_seconds* at most."""
         self._is_lively = True
         try:
-            self._socket.send(packet, DONTWAIT)
+            self._socket.send(packet, _DONTWAIT)
         except zmq.Again:
             if wait_seconds <= 0 or not self._socket.poll(int(wait_seconds * 1000), zmq.POLLOUT):
                 return False
@@ -276,8 +261,8 @@ class DealerTransport:
             timeout_seconds = min(timeout_seconds, self.seconds_until(alarm))
         if timeout_seconds <= 0:
             # Asking first is cheaper than the exception that an empty socket raises.
-            return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
-        if self._is_lively and not (self._sources or self._is_woken_at_once):
+            return socket.recv(_DONTWAIT) if int(socket.getsockopt(_EVENTS)) & _POLLIN else None
+        if self._is_lively and not self._is_woken_at_once:
             # ZeroMQ's own wait is cheaper, but no wake from another thread ends it.
             if (packet := self._receive_soon(min(timeout_seconds, _LIVELY))) is not None:
                 return packet
@@ -298,27 +283,11 @@ class DealerTransport:
         except zmq.Again:
             return None
 
-    def add(self, source: EventSource) -> None:
-        """Wait in ``receive`` for this source, too."""
-        self._sources[source] = source.fileno()
-        self._full_selector().register(self._sources[source], selectors.EVENT_READ)
-
-    def remove(self, source: EventSource) -> None:
-        """Stop waiting for this source."""
-        self._full_selector().unregister(self._sources.pop(source))
-
-    def _full_selector(self) -> selectors.DefaultSelector:
-        if self._selector is None:
-            self._selector = selectors.DefaultSelector()
-            self._selector.register(self._file, selectors.EVENT_READ)
-        return self._selector
-
     def has_arrived(self) -> bool:
         """Return whether something has arrived, or ``wake`` was called since the last call."""
         is_woken = self._waker.clear()
-        # Every source is asked, even if an earlier one has news, because the call resets its file.
-        arrived = [source.has_arrived() for source in self._sources]
-        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
+        # Asked even after a wake, because the call resets the socket's file.
+        return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLIN) or is_woken
 
     def time(self) -> float:
         """Return the time of the handlers' clock, in seconds. It never jumps."""
@@ -332,19 +301,12 @@ class DealerTransport:
         """Return a block that does nothing: no test steps this clock."""
         return _NO_PAUSE
 
-    def fileno(self) -> int:
-        """Return a file that becomes readable when a packet arrives.
-
-        Call ``has_arrived`` before each wait for the file.
-        """
-        return self._full_selector().fileno()
-
     def files(self) -> Collection[int]:
         """Return the files to wait for.
 
         One of them becomes readable when something may have arrived, or when ``wake`` is called.
         """
-        return self._file, self._waker.fileno(), *self._sources.values()
+        return self._file, self._waker.fileno()
 
     def waker(self) -> Waker:
         """Return the waker, and make ``wake`` take effect at once from now on."""
@@ -357,8 +319,6 @@ class DealerTransport:
 
     def close(self) -> None:
         """Close. Packets already sent still leave, for a second."""
-        if self._selector is not None:
-            self._selector.close()
         self._socket.close()
         self._waker.close()
         if self._pulse is not None:

@@ -19,12 +19,11 @@ from tca_tools.journal.fates import (
     Fate,
     all_failures,
     describe_asker,
-    failing,
     fate,
     retried_ancestor,
-    run_continued,
+    run_continued_after,
 )
-from tca_tools.journal.records import HandlerWait, Handling, Message, Task
+from tca_tools.journal.records import HandlerWait, Handling, Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span
 from tca_wire.messages.failures import DEADLOCK
@@ -164,13 +163,12 @@ def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
     """Return the fate of a refused wait; None if its handler failed with the same deadlock."""
     if not isinstance(wait.by, Handling):
         return Fate.REPORTED
-    handling, failed = wait.by, failing(run, wait.by)
+    handling, failed = wait.by, run.messages.get(wait.by.message_id)
     if handling.outcome is not Outcome.FAILED or handling.end is None:
         return Fate.ASKER_CONTINUED
-    failure = failed.value_at("failure", handling.end) if isinstance(failed, Message) else None
-    if failure is not None and failure.name == DEADLOCK:
+    if failed is not None and failed.value_at("failure", handling.end).name == DEADLOCK:
         return None
-    return Fate.ASKER_CONTINUED if run_continued(run, failed, handling.end) else Fate.ASKER_FAILED
+    return Fate.ASKER_CONTINUED if run_continued_after(run, handling) else Fate.ASKER_FAILED
 
 
 def _lost_seconds(one: Failed, decided: Fate) -> float:

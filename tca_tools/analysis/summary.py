@@ -88,10 +88,7 @@ def summary(run: Run) -> Summary:
 
 
 def _dropped(run: Run) -> list[tuple[str, int]]:
-    lost: Counter[str] = Counter()
-    for drop in run.drops:
-        lost[drop.name] += drop.number * (drop.is_loss and bool(drop.name))
-    return [(name, number) for name, number in lost.most_common() if number]
+    return Counter(drop.name for drop in run.drops if drop.is_loss).most_common()
 
 
 def _active_modules(run: Run) -> set[str]:
@@ -99,7 +96,6 @@ def _active_modules(run: Run) -> set[str]:
     senders = {message.sender for message in run.messages.values() if not message.role}
     claiming = {claim.sender for claim in run.claims.values()}
     running = {handling.module for handling in run.handlings}
-    running |= {handling.direct_from for handling in run.handlings}
     return (offering | senders | claiming | running) & run.modules.keys()
 
 

@@ -88,8 +88,8 @@ data:json    the new goal or the intermediate result; for `accept`, a goal that 
     "handlings": (
         "Every run of a handler.",
         """
-message:int    number of the message; nothing for a direct message
-delivery:int   number of the delivery; nothing for a direct message
+message:int    number of the message
+delivery:int   number of the delivery
 name           name of the message
 module         the module of the handler
 resource       the resource of the handler
@@ -97,7 +97,6 @@ start:s        when the handler started
 end:s          when it ended
 outcome        done or failed; killed if its task had been killed; nothing if it was cut off
 handled:flag   for a failed handler: whether the run continued, as in `messages`
-direct_from    the module that sent the message directly
 slot:int       number of the resource's slot
 nested:flag    whether another message waited in that slot
 priority:int   priority of the message
@@ -121,13 +120,11 @@ handled:flag     whether the run continued, as in `messages`
         "Every message that was dropped.",
         """
 time:s        when it was dropped
-message:int   number of the message; nothing for a lost direct message
+message:int   number of the message
 name          name of the message
 copy:flag     whether it is one receiver's copy
-number:int    how many were dropped: 1, except for direct messages
 reason        overload, displaced, given up or deadlock; nothing for another reason
 why           the reason in words
-direct_from   the module that lost direct messages
 """,
     ),
     "queueings": (

@@ -147,12 +147,11 @@ def _changes(run: Run) -> Iterator[TableRow]:
 def _handlings(run: Run) -> Iterator[TableRow]:
     for handling in run.handlings:
         yield (
-            handling.message_id or None, handling.delivery or None, handling.name,
+            handling.message_id, handling.delivery, handling.name,
             handling.module, handling.resource, handling.start, handling.end,
             handling.outcome and str(handling.outcome),
             run_continued_after(run, handling) if handling.outcome is Outcome.FAILED else None,
-            handling.direct_from or None, handling.slot or None,
-            handling.is_nested, handling.priority,
+            handling.slot or None, handling.is_nested, handling.priority,
         )  # fmt: skip
 
 
@@ -209,13 +208,11 @@ def _drops(run: Run) -> Iterator[TableRow]:
     for drop in run.drops:
         yield (
             drop.time,
-            drop.message_id or None,
-            drop.name or None,
+            drop.message_id,
+            drop.name,
             drop.is_copy,
-            drop.number,
             str(drop.dropping) or None,
             drop.why,
-            drop.sender or None,
         )
 
 

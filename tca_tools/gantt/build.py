@@ -151,7 +151,7 @@ class _RowBuilder:
             bar.ending = self._failure_ending(handling)
         elif handling.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
-        waiter = titles.handled_message(self.run, handling)
+        waiter = self.run.describe(number)
         waits = _lasting(handling.waits)
         bar.waits = [self._wait_bar(waiter, name, wait) for wait in waits]
         for part in bar.waits:

@@ -4,7 +4,7 @@ from tca_tools.explain.wait_words import named_waits
 from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.failure import Failure
-from tca_tools.journal.fates import describe_asker, failing
+from tca_tools.journal.fates import describe_asker
 from tca_tools.journal.records import (
     Claim,
     HandlerWait,
@@ -35,12 +35,13 @@ def of_handling(run: Run, handling: Handling) -> str:
     preview = RunAt(run).tasks[task.id].preview if task is not None else ""
     ahead = f" ({preview})" if preview else ""
     span = _span(run, handling.start, handling.end)
-    title = f"{handled_message(run, handling)}{ahead} handled by {where} {span}"
+    title = f"{run.describe(handling.message_id)}{ahead} handled by {where} {span}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
         title += _failure_text(run, handling)
-        notice = describe_asker(run, failing(run, handling), handling.end or run.time)
+        message = run.messages.get(handling.message_id)
+        notice = message and describe_asker(run, message, handling.end or run.time)
         title += f", {notice}" if notice else ""
     return title
 
@@ -131,13 +132,6 @@ def awaited_name(run: Run, wait: HandlerWait) -> str:
     if (claim := run.claims.get(wait.awaited)) is None:
         return run.name(wait.awaited)
     return "reservation" if claim.is_reserved else "lock"
-
-
-def handled_message(run: Run, handling: Handling) -> str:
-    """Return the handled message; for a direct one with its sender."""
-    if handling.direct_from:
-        return f"{handling.name}, directly from {handling.direct_from},"
-    return run.describe(handling.message_id)
 
 
 def _span(run: Run, start: float, end: float | None) -> str:

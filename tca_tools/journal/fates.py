@@ -44,9 +44,6 @@ STANDINGS = tuple(
 )
 """All words for a task's standing, in the order in which tools list them."""
 
-Failing = Message | Handling
-"""A failing message, or the failing run of a handler of a direct message."""
-
 
 class Fate(StrEnum):
     """The fate of a failure."""
@@ -85,12 +82,12 @@ ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
 """The fates with which the failed task ended."""
 
 
-def fate(run: Run, failed: Failing, time: float, as_of: float = inf) -> Fate:
+def fate(run: Run, failed: Message, time: float, as_of: float = inf) -> Fate:
     """Return the fate of a failure.
 
     Args:
         run: The run.
-        failed: The message that failed, or the handling of a direct message.
+        failed: The message that failed.
         time: When it failed.
         as_of: The instant as of which the fate is returned; the end of the records by default.
     """
@@ -103,18 +100,18 @@ def fate(run: Run, failed: Failing, time: float, as_of: float = inf) -> Fate:
     return Fate.ASKER_CONTINUED if run_continued(run, failed, time, as_of) else Fate.ASKER_FAILED
 
 
-def run_continued(run: Run, failed: Failing, time: float, as_of: float = inf) -> bool:
+def run_continued(run: Run, failed: Message, time: float, as_of: float = inf) -> bool:
     """Whether the run continued after a failure at *time*, or still may, as known at *as_of*."""
     *_, (last, when) = _failure_chain(run, failed, time, as_of)
     if isinstance(last, Task):
         has_failed = any(since <= as_of for since, _ in last.old_values("failure")[:1])
         return has_failed and _fate_of_task(run, last, when, as_of) in (*GOOD_FATES, Fate.OPEN)
-    return is_reported(run, last, when)
+    return last is not None and is_reported(run, last, when)
 
 
-def is_reported(run: Run, failed: Failing, time: float) -> bool:
+def is_reported(run: Run, failed: Message, time: float) -> bool:
     """Whether the failure of a query at *time* was reported to its asker."""
-    return _has_asker(run, failed) and not _why_unreported(run, failed, time)
+    return failed.message_class.has_reply and not _why_unreported(run, failed, time)
 
 
 def has_run_survived(
@@ -169,20 +166,20 @@ def watching_spans(task: Task) -> Iterator[tuple[float, float]]:
 
 def run_continued_after(run: Run, handling: Handling) -> bool:
     """Whether the run continued after a handler failed."""
-    return handling.end is not None and run_continued(run, failing(run, handling), handling.end)
+    failed = run.messages.get(handling.message_id)
+    if failed is None or handling.end is None:
+        return False
+    return run_continued(run, failed, handling.end)
 
 
-def failing(run: Run, handling: Handling) -> Failing:
-    """Return what failed with a handler: its message, or the handling if the message was direct."""
-    return run.messages.get(handling.message_id) or handling
-
-
-def still_deciding(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
+def still_deciding(run: Run, failed: Message, time: float) -> list[Task | Handling]:
     """Return the tasks and handlers that will decide whether the run continues; [] if decided."""
     *_, (last, when) = _failure_chain(run, failed, time)
     if not isinstance(last, Task):
-        is_open = last.by is not None and last.by.end is None and is_reported(run, last, when)
-        return [last.by] if is_open and last.by is not None else []
+        asker = None if last is None else last.by
+        if last is None or asker is None or asker.end is not None:
+            return []
+        return [asker] if is_reported(run, last, when) else []
     became, top = _fate_of_task(run, last, when), run.tasks[last.top]
     handler = _last_called(run, last, when, inf)
     is_decided = top.state in DONE or (handler is not None and handler.has_ended)
@@ -213,36 +210,39 @@ def retried_ancestor(run: Run, task: Task, time: float, as_of: float = inf) -> T
     return None
 
 
-def describe_asker(run: Run, failed: Failing, time: float, as_of: float = inf) -> str:
+def describe_asker(run: Run, failed: Message, time: float, as_of: float = inf) -> str:
     """Describe who got the report of a failed query and how that asker ended, or why none did."""
-    if not _has_asker(run, failed):
+    if not failed.message_class.has_reply:
         return ""
     if why := _why_unreported(run, failed, time):
         return f"{Fate.NOT_REPORTED.words}: {why}"
-    if isinstance(failed, Message) and failed.role is Role.CONDITION:
+    if failed.role is Role.CONDITION:
         return f"reported to central, for {run.describe(failed.about)}"
-    sender = failed.sender if isinstance(failed, Message) else failed.direct_from
     if failed.by is None:
-        return f"reported to {sender}"
+        return f"reported to {failed.sender}"
     how = "continued"
     if failed.by.end is None or failed.by.end > as_of:
         how = "still runs"
     elif failed.by.outcome is Outcome.FAILED:
         is_handled = run_continued(run, failed, time, as_of)
         how = "then failed, which was handled" if is_handled else "then failed"
-    return f"reported to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
+    return (
+        f"reported to {failed.sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
+    )
 
 
 def _failure_chain(
-    run: Run, failed: Failing, time: float, as_of: float = inf
-) -> Iterator[tuple[Failing, float]]:
+    run: Run, message: Message, time: float, as_of: float = inf
+) -> Iterator[tuple[Message | None, float]]:
     """Yield a failure and those it caused, with their times.
 
-    The last one is the failure of a task, or a failure that made no asker fail.
+    The last one is the failure of a task, or a failure that made no asker fail. It is None if the
+    journal does not have the message whose handler failed.
     """
+    failed: Message | None = message
     while True:
         yield failed, time
-        if isinstance(failed, Task) or not is_reported(run, failed, time):
+        if failed is None or isinstance(failed, Task) or not is_reported(run, failed, time):
             return
         handling = failed.by
         if monitor := _monitor(run, failed):
@@ -253,37 +253,27 @@ def _failure_chain(
             and (handling.end or 0.0) <= as_of
         ):
             # The loop ends, since a handler's message is older than the query
-            failed, time = failing(run, handling), handling.end or time
+            failed, time = run.messages.get(handling.message_id), handling.end or time
         else:
             return
 
 
-def _has_asker(run: Run, failed: Failing) -> bool:
-    """Whether a failing message is a query, with an asker that gets an answer."""
-    if isinstance(failed, Message):
-        return failed.message_class.has_reply
-    known = run.formats.get(failed.name)
-    return known is not None and known.message_class.has_reply
-
-
-def _why_unreported(run: Run, failed: Failing, time: float) -> str:
+def _why_unreported(run: Run, failed: Message, time: float) -> str:
     """Return why a query's failure at *time* was not reported to the asker; "" if it was.
 
     Facts with the same time belong to one event. An asker that failed at *time* therefore failed
     with its query, and had got the report.
     """
     handling = failed.by
-    if isinstance(failed, Message):
-        if failed.value_at("dropped", time):
-            if failed.was_given_up:
-                return "its sender had given up"
-            return "the answer was no longer awaited"
-        if failed.answered is not None and failed.answered < time:
-            return "its sender had enough answers"
-        if (monitor := _monitor(run, failed)) and _stopped_watching(
-            run, monitor, failed.received, time
-        ):
-            return f"{monitor} had stopped watching"
+    if failed.value_at("dropped", time):
+        if failed.was_given_up:
+            return "its sender had given up"
+        return "the answer was no longer awaited"
+    if failed.answered is not None and failed.answered < time:
+        return "its sender had enough answers"
+    monitor = _monitor(run, failed)
+    if monitor and _stopped_watching(run, monitor, failed.received, time):
+        return f"{monitor} had stopped watching"
     if handling is not None and handling.end is not None and handling.end < time:
         return f"the asking handler of {run.describe(handling.message_id)} had ended"
     return ""
@@ -307,11 +297,9 @@ def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> boo
     return any(asked <= when <= time for when in (*ends, monitor.time_of(Moment.END_ACHIEVING)))
 
 
-def _monitor(run: Run, failed: Failing) -> Task | None:
+def _monitor(run: Run, failed: Message) -> Task | None:
     """Return the monitor whose condition failed; None for another message."""
-    if isinstance(failed, Message) and failed.role is Role.CONDITION:
-        return run.tasks.get(failed.about)
-    return None
+    return run.tasks.get(failed.about) if failed.role is Role.CONDITION else None
 
 
 def _fate_of_task(run: Run, task: Task, time: float, as_of: float = inf) -> Fate:

@@ -294,16 +294,6 @@ class History(RecordFold):
                     message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body
                 )
 
-    def _direct(self, fact: facts.HandledDirectly) -> None:
-        end = min(max(0.0, fact.ended), self.time)  # central is notified later
-        start = min(max(0.0, end - fact.seconds), end)
-        handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
-        handling.direct_from = fact.sender
-        handling.by = self._handling_of(fact.origin, fact.sender)
-        self.handlings.append(handling)
-        self.news.append(handling)
-        self._module(fact.module).resources.setdefault(fact.resource, 1)
-
     def _handling_of(self, delivery: int, module: str) -> Handling | None:
         """Return a module's handling of a delivery, whether it is running or has ended."""
         message = self.delivered(delivery)
@@ -378,18 +368,12 @@ class History(RecordFold):
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         number, is_copy = fact.copy_of or fact.id, fact.copy_of > 0
-        self.drops.append(
-            Drop(self.time, fact.message, 1, fact.why, number, is_copy, fact.dropping)
-        )
+        self.drops.append(Drop(self.time, fact.message, fact.why, number, is_copy, fact.dropping))
         if message := self.messages.get(fact.id):
             is_deadlock = fact.dropping is Dropping.DEADLOCK
             cycle = self.deadlocks.get((self.time, message.sender), "") if is_deadlock else ""
             self._change(message, "dropped", cycle or fact.why)
             message.dropping = fact.dropping
-
-    def _lost_directly(self, fact: facts.LostDirectly) -> None:
-        why = "its handler was too slow, left or died"
-        self.drops.append(Drop(self.time, fact.message, fact.number, why, sender=fact.module))
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))

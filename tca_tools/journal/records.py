@@ -103,30 +103,22 @@ class Queueing(Span):
 
 
 class Drop(NamedTuple):
-    """A dropped message, a copy of it for one receiver, or some lost direct messages."""
+    """A dropped message, or a copy of it for one receiver."""
 
     time: float
     name: str
-    """The message's name; "" for lost notes that direct messages were handled."""
-    number: int
-    """The number of messages dropped at once."""
+    """The message's name."""
     why: str
-    message_id: int = 0
-    """The message, or the original of the copy; 0 for direct messages."""
-    is_copy: bool = False
+    message_id: int
+    """The message, or the original of the copy."""
+    is_copy: bool
     """Whether it was the copy for one receiver."""
-    dropping: Dropping = Dropping.OTHER
-    sender: str = ""
-    """The module that sent the lost direct messages."""
+    dropping: Dropping
 
     @property
     def is_loss(self) -> bool:
         """Whether a handler should have received it."""
-        return (
-            self.is_copy
-            or not self.message_id
-            or self.dropping in (Dropping.OVERLOAD, Dropping.DISPLACED)
-        )
+        return self.is_copy or self.dropping in (Dropping.OVERLOAD, Dropping.DISPLACED)
 
 
 @dataclass(slots=True)
@@ -142,10 +134,6 @@ class Handling(Span):
     outcome: Outcome | None = None
     """KILLED if it returned after its task was killed; None while it runs, or if it was cut off."""
     waits: Sequence[HandlerWait] = NONE
-    direct_from: str = ""
-    """The sender of a direct message, which has id 0 and no record of its own."""
-    by: "Handling | None" = field(default=None, repr=False, compare=False)
-    """The run of a handler that sent the direct message."""
     delivery: int = 0
     """The number of the delivery, new for each retry. Messages of the handler have it as origin."""
     asked: "list[Message] | None" = field(default=None, repr=False, compare=False)

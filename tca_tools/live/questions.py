@@ -176,9 +176,7 @@ def messages(client: Client) -> tuple[Any, str]:
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
     rows = []
     for message in known:
-        handlers = [
-            f"{one['module']}{' (direct)' * one['direct']}" for one in message["handled_by"]
-        ]
+        handlers = [one["module"] for one in message["handled_by"]]
         rows.append(
             [message["message"], message["class"], _names(handlers), str(message["waiting"] or "")]
         )

@@ -31,13 +31,7 @@ from tca_wire.points import END_ACHIEVING
 _CLOCK = 7
 """The index of central's clock in the first frame of a segment of inputs."""
 
-_INSTANTANEOUS = (
-    facts.HandledDirectly,
-    facts.LostDirectly,
-    facts.RequestRefused,
-    facts.Ignored,
-    facts.MonitorTested,
-)
+_INSTANTANEOUS = facts.RequestRefused, facts.Ignored, facts.MonitorTested
 """Facts about something that ends with their entry."""
 
 _ENDINGS = (

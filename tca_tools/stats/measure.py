@@ -6,7 +6,7 @@ from math import ceil
 
 from tca_tools.analysis.resources import Key, Use, uses
 from tca_tools.analysis.summary import span_of
-from tca_tools.journal.records import OVER, Drop, Handling, Message, Task, TaskState
+from tca_tools.journal.records import OVER, Handling, Message, Task, TaskState
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Span, most_at_once
 from tca_wire.points import Moment
@@ -45,9 +45,6 @@ class MessageStats:
     message: str
     message_class: str = ""
     sent: int = 0
-    """The number sent, with direct ones."""
-    direct: int = 0
-    """The number sent directly, without central."""
     handled: int = 0
     """The number of handler runs that have ended."""
     failed_runs: int = 0
@@ -129,8 +126,8 @@ def measure(run: Run, start: float | None = None) -> Stats:
             _count_handling(_stats_of(run, messages, handling.name), handling)
             resources[handling.module, handling.resource].handled += 1
     for drop in run.drops:
-        if drop.time >= first and drop.name and (drop.is_copy or not drop.message_id):
-            _count_drop(_stats_of(run, messages, drop.name), drop)
+        if drop.time >= first and drop.is_copy:
+            _stats_of(run, messages, drop.name).dropped += 1
     _add_queues(run, messages, resources, first)
     for stats in messages.values():
         for times in (stats.to_start, stats.handling, stats.to_end, stats.queued):
@@ -172,14 +169,6 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
         stats.to_end.seconds.append(end - message.received)
 
 
-def _count_drop(stats: MessageStats, drop: Drop) -> None:
-    """Count a dropped copy, or dropped direct messages, which have no record of their own."""
-    stats.dropped += drop.number
-    if not drop.message_id:
-        stats.sent += drop.number
-        stats.direct += drop.number
-
-
 def _is_open(run: Run, message: Message) -> bool:
     """Whether a message still waits, or its handler has not returned.
 
@@ -195,12 +184,7 @@ def _is_open(run: Run, message: Message) -> bool:
 
 
 def _count_handling(stats: MessageStats, handling: Handling) -> None:
-    has_failed = handling.outcome is Outcome.FAILED
-    stats.failed_runs += has_failed
-    if handling.direct_from:
-        stats.sent += 1
-        stats.direct += 1
-        stats.failed += has_failed
+    stats.failed_runs += handling.outcome is Outcome.FAILED
     if handling.end is not None:
         stats.handled += 1
         stats.handling.seconds.append(handling.end - handling.start)

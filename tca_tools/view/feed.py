@@ -11,7 +11,7 @@ from tca_tools.gantt import titles
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
 from tca_tools.journal.coordinators import tasks_of_coordinator
-from tca_tools.journal.fates import WATCHING, Failing, failing, is_watching
+from tca_tools.journal.fates import WATCHING, is_watching
 from tca_tools.journal.fold import History
 from tca_tools.journal.records import (
     Claim,
@@ -51,7 +51,7 @@ TABLES = {
     "picture": "message:i name:t time:d",  # message: it set the variable
     "state": "task:i time:d state:t",
     "suspended": "span:i by:t",  # by: " by legs"
-    # message: 0 if it was direct; span: the handling that failed or was running, or -1;
+    # span: the handling that failed or was running, or -1;
     # beside: whether it was raised while the handler ran on
     "failure": "message:i time:d span:i beside:B",
     "verdict": "failure:i good:B time:d",  # good: whether the run continued after that failure
@@ -115,8 +115,6 @@ class Feed:
         self._watching: set[int] = set()
         #: The names of messages, in the order of their arrival.
         self._names: dict[str, None] = {}
-        #: The names of direct messages, with the row of the first one.
-        self._direct: dict[str, int] = {}
         #: The failed handlings of the newest entry, with their spans.
         self._failed_handlings: list[tuple[Handling, int]] = []
         self._verdicts = Verdicts(self.history)
@@ -128,9 +126,7 @@ class Feed:
 
     def colours(self) -> dict[str, str]:
         """Return the colour of each message, the same as in other charts of the run."""
-        direct = sorted(self._direct, key=self._direct.__getitem__)
-        names = dict.fromkeys([*self._names, *direct])
-        return {name: dark(number) for number, name in enumerate(names)}
+        return {name: dark(number) for number, name in enumerate(self._names)}
 
     def apply(self, entry: Entry) -> None:
         """Add the rows of one event."""
@@ -149,10 +145,6 @@ class Feed:
         for fact in entry.facts:
             if add_fact := _ADD_FACT.get(type(fact)):
                 add_fact(self, fact)
-        # failures of direct messages: they have no fact Failed
-        for handling, span in self._failed_handlings:
-            row = 0, handling.end or history.time, span, False
-            self._add_failure(failing(history, handling), row)
         self._failed_handlings.clear()
         for failure, is_good in self._verdicts.changed(news):
             self._add("verdict", failure, is_good, history.time)
@@ -194,7 +186,9 @@ class Feed:
                     self._failed_handlings.remove(pair)
                     span = its_span
                     break
-        self._add_failure(failed, (number, self._now, span, fact.is_beside))
+        row = self._add("failure", number, self._now, span, fact.is_beside)
+        if failed is not None:
+            self._verdicts.follow(row, failed, self._now)
 
     def _add_changed(self, fact: StateChanged) -> None:
         """Add a mark to the newest bar of a task, and the new roles of a coordinator's tasks.
@@ -219,12 +213,6 @@ class Feed:
     def _add_restarted(self, fact: CentralRestarted) -> None:  # noqa: ARG002 - names the fact
         restart = self.history.restarts[-1]
         self._add("restart", restart.time, str(restart))
-
-    def _add_failure(self, failed: Failing | None, row: tuple[int, float, int, bool]) -> None:
-        """Add a failure: its message, time, span, and whether its handler ran on."""
-        number = self._add("failure", *row)
-        if failed is not None:
-            self._verdicts.follow(number, failed, row[1])
 
     # --- tasks ------------------------------------------------------------------------------------
 
@@ -273,8 +261,6 @@ class Feed:
 
     def _add_handling(self, record: Handling) -> None:
         row = self._row(record.module, record.resource)
-        if not record.message_id:
-            self._direct.setdefault(record.name, row)
         if self._is_new(record):
             self._traffic.add_handling(record)
         about = record.name, record.message_id, record.start

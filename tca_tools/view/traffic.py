@@ -5,8 +5,7 @@ from tca_tools.journal.whole_run import Run
 from tca_tools.view.columns import Columns
 
 TRAFFIC_TABLES = {
-    # kind: the message's class, or "direct" for a direct message; handler: "" until a handler
-    # has started
+    # kind: the message's class; handler: "" until a handler has started
     "link": "sender:t message:t kind:t handler:t",
     "sent": "link:i time:d less:B",  # less: the count decreases, since a handler has started
 }
@@ -35,11 +34,10 @@ class Traffic:
         """Count a message whose handler has started."""
         if (link := self._unhandled.pop(handling.message_id, None)) is not None:
             self._columns.add("sent", link, self._run.time, True)
-        message = self._run.messages.get(handling.message_id)
-        sender = message.sender if message else handling.direct_from
-        kind = str(message.message_class) if message else "direct"
-        link = self._link(sender, handling.name, kind, handling.module)
-        self._columns.add("sent", link, handling.start, False)
+        if (message := self._run.messages.get(handling.message_id)) is not None:
+            kind = message.message_class
+            link = self._link(message.sender, message.name, kind, handling.module)
+            self._columns.add("sent", link, handling.start, False)
 
     def _link(self, sender: str, message: str, kind: str, handler: str) -> int:
         key = sender, message, kind, handler

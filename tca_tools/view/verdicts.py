@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
-from tca_tools.journal.fates import Failing, run_continued, still_deciding
+from tca_tools.journal.fates import run_continued, still_deciding
+from tca_tools.journal.records import Message
 from tca_tools.journal.whole_run import Run
 
 
@@ -14,15 +15,15 @@ class Verdicts:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._failures: dict[int, tuple[Failing, float]] = {}
-        """The failures without a final verdict: the failed message or handler, and the time."""
+        self._failures: dict[int, tuple[Message, float]] = {}
+        """The failures without a final verdict: the failed message, and the time."""
         self._good: set[int] = set()
         """The failures among them after which the run continued, by the last verdict."""
         self._on_change: dict[int, dict[int, None]] = {}
         """The failures whose verdict depends on a record, by the record's identity."""
         self._new: dict[int, None] = {}
 
-    def follow(self, number: int, failed: Failing, time: float) -> None:
+    def follow(self, number: int, failed: Message, time: float) -> None:
         """Track a new failure. Its first verdict is that the run did not continue."""
         self._failures[number] = failed, time
         self._new[number] = None
@@ -37,7 +38,7 @@ class Verdicts:
             if number in self._failures:
                 yield from self._update(number, *self._failures[number])
 
-    def _update(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
+    def _update(self, number: int, failed: Message, time: float) -> Iterator[tuple[int, bool]]:
         is_good = run_continued(self._run, failed, time)
         if is_good != (number in self._good):
             yield number, is_good

@@ -226,33 +226,6 @@ class Dropped(NumberedFact, frozen=True, tag="dropped"):
     dropping: Dropping = Dropping.OTHER
 
 
-class HandledDirectly(BaseFact, frozen=True, tag="direct"):
-    """A module handled a direct message: central knows only this note of it.
-
-    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data. *ended*
-    is a time on the clock of the entries.
-    """
-
-    message: str
-    module: str
-    resource: str
-    sender: str
-    origin: int
-    size: int
-    ended: float
-    seconds: float
-    outcome: Outcome
-    failure: str
-
-
-class LostDirectly(BaseFact, frozen=True, tag="direct lost"):
-    """*module* reports lost direct informs of *message* ("": lost notes); some may have arrived."""
-
-    module: str
-    message: str
-    number: int
-
-
 # --- tasks ----------------------------------------------------------------------------------------
 
 
@@ -527,7 +500,6 @@ _OfModules = ModuleJoined | ModuleLeft | ResourceChanged | Recalling
 _OfDeclarations = FormatDefined | HandlerAdded | HandlerRemoved
 _OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored | CentralEnding
 _OfMessages = Received | Queued | Unqueued | Delivered | Postponed | Returned | Answered | Dropped
-_OfDirectMessages = HandledDirectly | LostDirectly
 _OfTasks = Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
 _OfStates = SuspendedOrResumed | StateChanged | Kept | Released | Recovered | Retried
 _OfWaits = Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
@@ -539,7 +511,6 @@ Fact = (
     | _OfDeclarations
     | _OfAccess
     | _OfMessages
-    | _OfDirectMessages
     | _OfTasks
     | _OfStates
     | _OfWaits

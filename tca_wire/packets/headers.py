@@ -2,8 +2,8 @@
 
 The field order is the wire order. A header travels with a body of opaque bytes: user data as
 MessagePack, which central never decodes. First come the headers that modules send, then those of
-central. routes.py has the headers about direct messages, changes.py those about states of tasks,
-and resources.py those about locks and variables. docs/reference/protocol.md has the bytes.
+central. changes.py has the headers about states of tasks, and resources.py those about locks and
+variables. docs/reference/protocol.md has the bytes.
 
 ``number`` counts a connection's requests. The answer to a request has the number of the request. A
 request with number 0 wants no answer. ``origin`` is the delivery whose handler sends the request
@@ -36,11 +36,10 @@ from tca_wire.packets.resources import Lock as Lock
 from tca_wire.packets.resources import Release as Release
 from tca_wire.packets.resources import SetVariable as SetVariable
 from tca_wire.packets.resources import Unlock as Unlock
-from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Noted, Route, WatchEntrance
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
-PROTOCOL_VERSION = 7
+PROTOCOL_VERSION = 8
 """Goes up whenever a header changes. Central refuses a module with another version, and says so."""
 
 
@@ -64,8 +63,6 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     """The resource whose messages this connection handles, one at a time ("": none)."""
     process: str = ""
     """The module's process, for display: "host:pid"."""
-    entrance: Entrance | None = None
-    """This slot's entrance for direct messages, if it accepts any."""
     pulse: bytes = b""
     """Routing id of the socket on which this process echoes central's heartbeats, if it has one."""
     prefetch: int = 0
@@ -442,7 +439,6 @@ _OfStates = ChangeState | Observe
 _OfFailures = Raise | Attach | Remove | Resolve
 _OfMonitors = Tap | Fire | EndMonitor
 _OfResources = Lock | Unlock | Release | GetVariable | SetVariable
-_OfDirectMessages = Noted | WatchEntrance
 ToCentral = (
     _OfRuns
     | _OfConnections
@@ -452,7 +448,6 @@ ToCentral = (
     | _OfFailures
     | _OfMonitors
     | _OfResources
-    | _OfDirectMessages
 )
 
 
@@ -517,11 +512,6 @@ class Deliver(OfDelivery, frozen=True, tag=37):
     context: Trouble | Tapped | Watching | None = None
     """The cause, if central made the message."""
     suspended: bool = False
-    own: bool = False
-    """Handle this message even within a direct message, whose handler may wait for it.
-
-    It is a query that a slot of the same resource has sent, or a task within a wait of this slot.
-    """
     ahead: int = 0
     """The number of deliveries that the slot must handle before it, as far as central knows."""
 
@@ -576,5 +566,5 @@ class Recall(WireArray, frozen=True, tag=44):
 
 _Answers = Welcome | Accepted | TasksMade | Refused | Answer | Unknown
 _ToHandlers = Deliver | Recall | Cancelled | Suspended | Requested
-_Notices = Beat | Closing | Taken | Replace | Route | EntranceGone | Barred
+_Notices = Beat | Closing | Taken | Replace
 ToModule = _Answers | _ToHandlers | _Notices

@@ -91,8 +91,6 @@ class HandlerFormat(WireArray, frozen=True):
     pool: str = ""
     pending: int = 0
     """The limit for messages that wait for this handler; the newest are kept (0: no limit)."""
-    direct: bool = False
-    """Senders may send it directly, unless central has a reason against that."""
     accepts: bool = False
     """The handler itself accepts a task; else a task is accepted when the handler gets it."""
     takes: Annotated[list[str], MANY] = []

@@ -128,11 +128,6 @@ PHRASES: dict[type, str] = {
     facts.Postponed: "{id:name} is replied to later[frees_slot?, and its slot is free]",
     facts.Returned: "{id:name}: {outcome}",
     facts.Dropped: "{message} {id:number}[ of message {copy_of:number}]: {why}[: {where}]",
-    facts.HandledDirectly: (
-        "{message} from {sender} to {module:place}{origin:in}, {size} bytes, {seconds:duration}:"
-        " {outcome}[: {failure}]"
-    ),
-    facts.LostDirectly: "{module}: {number} of [message?{message}|the notes of direct messages]",
     facts.Constrained: "{constraints:constraints}",
     facts.TimedOut: "{constraint:constraint}",
     facts.Reached: "{task:name}: {moments:moments}",

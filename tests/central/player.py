@@ -27,7 +27,6 @@ from tca_wire.messages.notices import NOTICES
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.parts import HandlerFormat, MessageFormat, RetryPolicy
-from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 
@@ -117,13 +116,7 @@ class Player:
         return self.numbers[connection]
 
     def hello(
-        self,
-        connection: str,
-        module: str = "",
-        resource: str = "",
-        incarnation: str = "",
-        *,
-        direct: bool = False,
+        self, connection: str, module: str = "", resource: str = "", incarnation: str = ""
     ) -> list[Any]:
         module = module or connection
         number = 0 if not resource else sum(c.startswith(f"{module}/") for c in self.inbox) + 1
@@ -136,7 +129,6 @@ class Player:
             number,
             resource,
             "here:1",
-            Entrance(f"ipc:///{connection}", f"key of {connection}") if direct else None,
             prefetch=self.prefetch,
         )
 
@@ -148,7 +140,6 @@ class Player:
         pool: str = "",
         pending: int = 0,
         resource: str = "",
-        direct: bool = False,
         **wishes: Any,
     ) -> None:
         """Let a module join. *handles*: class and name of each message, such as "goal walk".
@@ -156,21 +147,13 @@ class Player:
         """
         self.hello(name)
         messages = [self.declared(words) for words in handles]
-        may_be_direct = (MessageClass.INFORM, MessageClass.QUERY) if direct else ()
         handlers = [
-            HandlerFormat(
-                message.name,
-                resource or name,
-                pool,
-                pending,
-                message.message_class in may_be_direct,
-                **wishes,
-            )
+            HandlerFormat(message.name, resource or name, pool, pending, **wishes)
             for message in messages
         ]
         self.request(name, headers.Register, messages, handlers)
         for index in range(capacity if handles else 0):
-            self.hello(f"{name}/{index + 1}", name, resource or name, direct=direct)
+            self.hello(f"{name}/{index + 1}", name, resource or name)
 
     @staticmethod
     def format(words: str) -> MessageFormat:

@@ -19,13 +19,12 @@ from tca_central.events import (
 )
 from tca_central.inputs import events_of
 from tca_wire.constraints import Flags
-from tca_wire.journal.facts import Dropped, Failed, LostDirectly
+from tca_wire.journal.facts import Dropped, Failed
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.headers import Accepted, Ask, Refused
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
-from tca_wire.packets.routes import Entrance, Loss, Note, Noted
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal
 
@@ -51,8 +50,6 @@ def test_unprintable_name_is_refused_in_printable_words(player: Player, name: st
         headers.Register(player.number("user"), [], [HandlerFormat("move", "arms", name)]),
         headers.Attach(player.number("user"), Attachment(name, "recover")),
         headers.Send(player.number("user"), "move", attachments=[Attachment(name, "recover")]),
-        Noted([Note("note", name, 0, 1, 0.0, 0.0)]),
-        Noted([], [Loss(name, 1)]),
     ):
         (answer,) = player.receive("user", header)
         assert isinstance(answer, Refused), header
@@ -88,16 +85,6 @@ def test_handler_named_twice_in_a_request_is_removed_once(player: Player) -> Non
     assert list(player.central.registry.modules["run of legs"].handlers) == ["move"]
 
 
-@pytest.mark.parametrize("number", [-1, 1 << 62])
-def test_implausible_loss_count_is_ignored(player: Player, number: int) -> None:
-    for _ in range(3):
-        player.receive("user", Noted([], [Loss("note", number)]))
-    assert not player.facts(LostDirectly)
-    player.request(
-        "user", headers.Ask, "messages"
-    )  # fails if a count exceeds the integers of MessagePack
-
-
 def test_long_kill_reason_and_refusal_are_truncated(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task), "why" * 100_000)
@@ -128,26 +115,6 @@ def test_oversized_reply_fails_the_task_and_frees_the_slot(player: Player) -> No
     assert any(
         isinstance(answer, headers.Deliver) for answer in answers
     )  # the slot gets the next message
-
-
-def test_entrance_of_another_module_is_not_adopted(
-    player: Player,
-) -> None:
-    player.module("map", "query where", direct=True)
-    player.module("thief", "query what", direct=False)
-    there = Entrance("ipc:///map/1", "another key")
-    player.receive(
-        "thief/2",
-        headers.Hello(
-            1, headers.PROTOCOL_VERSION, "thief", "run of thief", 2, "thief", entrance=there
-        ),
-    )
-    owners = [
-        one.module.name
-        for one in player.central.registry.connections.values()
-        if one.entrance is not None
-    ]
-    assert owners == ["map"]
 
 
 def test_first_arrival_counts_as_oldest_when_times_are_equal(player: Player) -> None:

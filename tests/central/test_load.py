@@ -10,10 +10,9 @@ from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Awaited, RequestRefused
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
-from tca_wire.packets.routes import Note, Noted
 from tca_wire.points import Moment, TaskId
 from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.vocabulary import Refusal
 
 
 def resource(report: dict[str, Any], module: str) -> dict[str, Any]:
@@ -55,16 +54,6 @@ def test_longest_waits_are_listed_first() -> None:
         ),
     ]
     assert resource(report, "legs")["oldest"] == 12.0
-
-
-def test_direct_messages_count_in_the_load() -> None:
-    robot = Player()
-    robot.module("map", "query where", direct=True)
-    note = Note("where", "user", 0, 10, 0.0, 0.5, Outcome.DONE)
-    robot.receive("map/1", Noted([note, note]))
-    report = load(robot.central)
-    assert message(report, "where")["delivered"] == 2
-    assert (resource(report, "map")["delivered"], resource(report, "map")["busy"]) == (2, 1.0)
 
 
 def test_load_totals_include_waits_that_are_not_listed() -> None:

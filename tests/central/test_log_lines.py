@@ -137,8 +137,8 @@ def test_similar_failure_of_a_handler_is_logged(
 def test_repeated_losses_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
     log = LossLog(logging.getLogger("t"))
     for number in range(3000):
-        log.count("dropped 'pose'", f"{number} wait", 1, number / 1000)
-    log.count("dropped 'map'", "2 wait", 1, 3.0)
+        log.count("dropped 'pose'", f"{number} wait", number / 1000)
+    log.count("dropped 'map'", "2 wait", 3.0)
     log.write_due(3.1)
     log.write_due()
     assert caplog.messages == [
@@ -152,10 +152,10 @@ def test_repeated_losses_are_logged_once_a_second(caplog: pytest.LogCaptureFixtu
 
 def test_loss_is_not_logged_again_until_it_recurs(caplog: pytest.LogCaptureFixture) -> None:
     log = LossLog(logging.getLogger("t"))
-    log.count("dropped 'pose'", "10 wait", 1, 0.0)
+    log.count("dropped 'pose'", "10 wait", 0.0)
     for time in (1.0, 2.0, 3.0):
         log.write_due(time)
-    log.count("dropped 'pose'", "10 wait", 1, 3.1)
+    log.count("dropped 'pose'", "10 wait", 3.1)
     assert caplog.messages == ["dropped 'pose': 10 wait"] * 2
 
 
@@ -164,17 +164,13 @@ def test_loss_is_not_logged_again_until_it_recurs(caplog: pytest.LogCaptureFixtu
     [
         (
             facts.Dropped(7, "pose", "10 wait", dropping=Dropping.OVERLOAD),
-            ("dropped 'pose'", "10 wait", 1),
+            ("dropped 'pose'", "10 wait"),
         ),
         (facts.Dropped(7, "pose", "a newer one", dropping=Dropping.DISPLACED), None),
         (facts.Dropped(7, "pose", "nobody listens"), None),
         (
-            facts.LostDirectly("user", "pose", 9),
-            ("module 'user' lost direct 'pose'", "its handler is too slow, left or died", 9),
-        ),
-        (
             facts.RequestRefused("user", Refusal.OVERLOAD, "10 wait"),
-            ("refused module 'user'", "10 wait", 1),
+            ("refused module 'user'", "10 wait"),
         ),
         (facts.RequestRefused("user", Refusal.CYCLE, "it waits for itself"), None),
     ],

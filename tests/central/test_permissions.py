@@ -16,7 +16,6 @@ from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Refused
 from tca_wire.packets.parts import Attachment, HandlerFormat
-from tca_wire.packets.routes import Note, Noted
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Permission, Refusal, Scope
 
@@ -84,7 +83,6 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "end central": (lambda _: headers.EndCentral(ROGUE), one_of("administer stop")),
     "set": (lambda _: headers.SetVariable(ROGUE, "speed"), one_of("send speed")),
     "get": (lambda _: headers.GetVariable(ROGUE, "speed"), one_of("send speed", "handle speed")),
-    "report": (lambda _: Noted([Note("note", "boss", 0, 1, 0.0, 0.0)]), one_of("handle note")),
     "remove": (lambda _: headers.Remove(ROGUE, ATTACHED), one_of("administer detach")),
     "remove a tap": (lambda _: headers.Remove(ROGUE, TAPPED, for_all=True), one_of("administer detach")),
     "fire": (lambda _: headers.Fire(ROGUE, TaskId(0), message="guard"), one_of("send guard")),

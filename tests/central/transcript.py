@@ -6,8 +6,8 @@ A group of commands uses these forms. NAME is a module, or one of its slots: NAM
 ```
 module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
             [accepting] [taking TRANSITION and ...] [refusing TRANSITION and ...]
-            [when busy BUSY] [direct] [life cycle LIFE CYCLE]
-line NAME of MODULE [in RESOURCE] [run INCARNATION] [direct]     one more connection
+            [when busy BUSY] [life cycle LIFE CYCLE]
+line NAME of MODULE [in RESOURCE] [run INCARNATION]              one more connection
 lose NAME                                                        its connection breaks
 garbage NAME                                                     it sends no valid packet
 NAME: bye
@@ -107,7 +107,7 @@ from tca_wire.life_cycles import (
     Transition,
     ending,
 )
-from tca_wire.packets import changes, headers, routes
+from tca_wire.packets import changes, headers
 from tca_wire.packets.parts import MessageFormat, RetryPolicy
 from tca_wire.points import ROOT, TaskId, describe_moments
 from tca_wire.text.waits_in_words import in_words
@@ -138,7 +138,7 @@ SKIPPABLE = LifeCycle(
 LIFE_CYCLES = {one.name: one for one in (BASIC, PAUSABLE, SKIPPABLE, ONE_UPDATE, ROS_GOAL)}
 HEADERS: dict[str, Any] = {
     kind.__name__: kind
-    for module in (headers, changes, routes)
+    for module in (headers, changes)
     for kind in vars(module).values()
     if isinstance(kind, type)
 }
@@ -216,7 +216,6 @@ class Transcript:
             "resource": options["resource"] or "",
             **life_cycle_options(**options),
         }
-        chosen["direct"] = bool(options["direct"])
         self.player.module(
             name, *words, capacity=int(capacity or 1), pending=int(pending or 0), **chosen
         )
@@ -451,8 +450,8 @@ class Transcript:
     def garbage(self, name: str) -> list[Any]:
         return [effect.header for effect in self.player.garbage(name) if hasattr(effect, "header")]
 
-    def line(self, name: str, module: str, resource: str, run: str, direct: str) -> list[Any]:
-        return self.player.hello(name, module, resource or "", run or "", direct=bool(direct))
+    def line(self, name: str, module: str, resource: str, run: str) -> list[Any]:
+        return self.player.hello(name, module, resource or "", run or "")
 
     def request(self, name: str, kind: str, fields: str, body: str) -> list[Any]:
         """Send a header with these fields, and with the next number if it has one."""
@@ -536,7 +535,7 @@ def life_cycle_options(
 NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = (
     r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
-    r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?(?P<direct> direct)?"
+    r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?"
     r"(?: life cycle (?P<life_cycle>[\w ]+))?"
 )
 TAKEN = r"(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?(?: because (?P<text>.*))?"
@@ -579,7 +578,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: (?P<what>lock|reserve) (?P<resource>\w+)(?P<options>.*)", Transcript.lock),
     (rf"{NAME}: release", Transcript.release),
     (rf"{NAME}: unlock (?P<resource>\w+)", Transcript.unlock),
-    (rf"line {NAME} of (?P<module>.+?)(?: in (?P<resource>\w+))?(?: run (?P<run>.+?))?(?P<direct> direct)?", Transcript.line),
+    (rf"line {NAME} of (?P<module>.+?)(?: in (?P<resource>\w+))?(?: run (?P<run>.+?))?", Transcript.line),
     (rf"{NAME}! (?P<kind>\w+)(?P<fields>(?: \w+=.*?)?)(?: with (?P<body>.*))?", Transcript.request),
     (r"event (?P<kind>\w+)(?P<fields>.*)", Transcript.event),
     (r"tree|heard|load|waits \d+", lambda _: None),

@@ -2,9 +2,8 @@
 may be stuck.
 
 Each request has a small scenario. Requests about a task share one scenario (accepting.py). A table
-says when each of them is *kept*, that is, fulfilled. Timers, later replies and direct messages are
-left out, because modules handle them alone. Messages, variables and resources are in
-test_answered_requests.py.
+says when each of them is *kept*, that is, fulfilled. Timers and later replies are left out, because
+modules handle them alone. Messages, variables and resources are in test_answered_requests.py.
 """
 
 from collections.abc import Callable

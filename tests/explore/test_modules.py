@@ -284,7 +284,6 @@ INVALID_ARGUMENTS: list[Callable[[], object]] = [
             {"pool": 1},
             {"pool": ""},
             {"resource": ""},
-            {"direct": True},
         )
     ),
     *(

@@ -14,7 +14,6 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_example_prints_the_expected_lines(path: Path) -> None:
     assert len(path.read_text().splitlines()) <= 70
-    # The path of tmp_path may be too long for the sockets of direct messages.
     with TemporaryDirectory() as folder, RealCentral(f"ipc://{folder}/central.sock") as daemon:
         done = run(str(path), TCA_CENTRAL=daemon.address)
     assert done.returncode == 0, done.stderr

@@ -9,7 +9,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -34,14 +33,11 @@ from tca_module import (
     Query,
     Refusal,
     Refused,
-    Task,
-    Timeout,
     connect,
 )
 from tca_wire.journal import facts
 from tca_wire.keys import read_client_key
-from tca_wire.packets import codec, headers
-from tca_wire.packets.direct import Greet
+from tca_wire.packets import headers
 
 SQUARE = Query("square", int, reply=int)
 TCP = "tcp://127.0.0.1:*"
@@ -308,58 +304,6 @@ def test_second_machine_is_set_up_in_five_commands(
         assert "'laptop'" in run_keys("use", str(copied))
         monkeypatch.setenv("TCA_CENTRAL", f"tcp://127.0.0.1:{port}")
         assert "0 modules" in (status := tca("status")).stdout, status
-
-
-# --- direct messages ------------------------------------------------------------------------------
-
-
-def test_direct_messages_are_encrypted_and_end_on_revocation(
-    keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
-) -> None:
-    as_key("arm")
-    squares = Module("squares", keyed.address)
-    handled: list[int] = []
-
-    @squares.handles(SQUARE, direct=True)
-    def square(_: Task, number: int) -> int:
-        handled.append(number)
-        return number * number
-
-    with squares.running():
-        as_key("user")
-        user = connect("user", keyed.address, patience=0.5)
-        link = user._connection()
-
-        def goes_directly() -> bool:
-            assert user.query(SQUARE, 3, timeout=SOON) == 9
-            return any(path.is_usable for path in link.direct.routes.paths.values())
-
-        until(goes_directly, "queries go directly")
-        assert user.query(SQUARE, 4, timeout=SOON) == 16
-        (path,) = link.direct.routes.paths.values()
-        assert path.entrance.curve
-        with (
-            zmq.Context() as context,
-            context.socket(zmq.DEALER) as stranger,
-        ):  # the stranger knows everything but the public key
-            stranger.linger = 0
-            stranger.connect(path.entrance.endpoint)
-            greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")
-            stranger.send(codec.pack_item(greet))
-            assert not stranger.poll(300)
-        run_keys("revoke", "user")
-        keyed.server.check_soon()
-
-        def hears_no_more() -> bool:
-            with suppress(CentralLost, Timeout, Refused):
-                user.query(SQUARE, 5, timeout=0.1)
-            return not path.is_usable
-
-        until(hears_no_more, "the slot hears no more of it")
-        assert is_shut_out(lambda: user.query(SQUARE, 6, timeout=0.5))
-        assert 6 not in handled
-        with suppress(CentralLost):
-            user.close()
 
 
 # --- the files ------------------------------------------------------------------------------------

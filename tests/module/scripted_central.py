@@ -84,9 +84,6 @@ class ScriptedCentral:
     def has_arrived(self) -> bool:
         return bool(self.packets)
 
-    def fileno(self) -> int:
-        raise AssertionError
-
     def files(self) -> list[int]:
         raise AssertionError
 

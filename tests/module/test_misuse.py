@@ -337,7 +337,6 @@ def test_module_declaration_survives_hostile_arguments(central: LocalCentral) ->
             "resource": "arm",
             "pool": "",
             "pending": 1,
-            "direct": False,
             "accepts": False,
             "takes": ["update"],
             "refuses": ["cancel"],

@@ -5,11 +5,10 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
-from module.real_central import SOON, Gate, RealCentral, until
+from module.real_central import SOON, Gate, until
 from module.robot import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 
 from tca_module import (
@@ -160,18 +159,6 @@ def test_older_handler_takes_over_from_stopped_module(
         until_withdrawn(user)
         assert stance_handlers(user) == ["older"]
         assert user.query(STANCE, 1.0, timeout=SOON) == [0]
-
-
-def test_older_direct_handler_takes_over_from_stopped_module(tmp_path: Path) -> None:
-    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
-        older, legs = Module("older", central.address), Module("legs", central.address)
-        older.handles(STANCE, direct=True)(lambda _, _radius: [0])
-        legs.handles(STANCE, direct=True)(lambda _, _radius: [1])
-        with older.running(), legs.running(), connect("user", central.address) as user:
-            assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-            legs.stop()
-            until_withdrawn(user)
-            assert user.query(STANCE, 1.0, timeout=SOON) == [0]
 
 
 def test_stopped_module_finishes_current_and_hands_over_queued(

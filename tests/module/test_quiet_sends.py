@@ -23,7 +23,6 @@ from tca_module import (
     NotSent,
     Outcome,
     Query,
-    QueryFailed,
     Refused,
     Task,
     TaskFailed,
@@ -341,16 +340,6 @@ def test_refusal_fails_callback(central: LocalCentral, caplog: pytest.LogCapture
         assert called.wait(SOON)
     assert "callback test_refusal_fails_callback.<locals>.stop failed" in caplog.text
     assert "command 'stop' was refused" in caplog.text
-
-
-def test_refusal_fails_direct_handler() -> None:
-    with RealCentral("tcp://127.0.0.1:*") as central:
-        legs = Module("legs", central.address)
-        legs.handles(ASK, direct=True)(lambda task: send_circular(task) and 1)
-        with legs.running(), connect("user", central.address) as user:
-            for _ in range(5):
-                with pytest.raises(QueryFailed, match="'stop' was refused"):
-                    user.query(ASK)
 
 
 # --- Task ids -------------------------------------------------------------------------------------

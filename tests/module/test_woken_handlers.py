@@ -35,14 +35,13 @@ pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 ASK = Goal("ask", str)
 NEVER, UNHANDLED = Command("never"), Query("nobody", reply=int)
-BUSY, DIRECT = Query("busy", reply=int), Query("direct", reply=int)
+BUSY = Query("busy", reply=int)
 BIDS = MultiQuery("bids", reply=int)
 HERE = Query("here", reply=str)
 
 WAITS: dict[str, Callable[[Task], object]] = {
     "query": lambda task: task.query(UNHANDLED, timeout=None),
     "query with its usual timeout": lambda task: task.query(UNHANDLED, timeout=1000),
-    "direct query": lambda task: task.query(DIRECT, timeout=None),
     "receive": lambda task: task.query_send(UNHANDLED).receive(None),
     "multi-query": lambda task: task.multi_query(BIDS, timeout=None),
     "multi-query, one by one": lambda task: next(task.multi_query_send(BIDS, timeout=None)),
@@ -77,10 +76,8 @@ class Robot:
         self.go_on = threading.Event()
         self.slow.resource("arm")
         self.slow.resource("here")
-        for number, message in enumerate((BUSY, DIRECT, BIDS)):
-            self.slow.handles(message, resource=f"slow {number}", direct=message is DIRECT)(
-                self.hang
-            )
+        for number, message in enumerate((BUSY, BIDS)):
+            self.slow.handles(message, resource=f"slow {number}")(self.hang)
         self.slow.handles(Command("hold"), resource="arm")(lambda _: None)
         self.slow.handles(HERE, resource="here")(lambda _: "at home")
         self.legs.handles(ASK)(self.ask)
@@ -131,12 +128,9 @@ class Robot:
             assert begun.wait(SOON)
             yield working
 
-    def until_waiting(self, how: str) -> None:
+    def until_waiting(self) -> None:
         """Wait until the handler waits."""
-        if "direct" in how:
-            assert self.asked.wait(SOON)
-        else:
-            until(lambda: self.central.open_requests_of("legs"), "the handler waits")
+        until(lambda: self.central.open_requests_of("legs"), "the handler waits")
 
 
 @pytest.fixture
@@ -149,13 +143,8 @@ def test_kill_wakes_waiting_handler_and_gives_up_its_request(
     robot: Robot, how: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with robot.running() as user, robot.legs.running():
-        if "direct" in how:  # the first query goes through central
-            robot.go_on.set()
-            user.query(DIRECT, timeout=SOON)
-            robot.go_on.clear()
-            robot.asked.clear()
         asking = user.goal(ASK, how, sequential=False)
-        robot.until_waiting(how)
+        robot.until_waiting()
         asking.kill("enough")
         assert asking.wait(SOON) is Outcome.KILLED
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
@@ -169,7 +158,7 @@ def test_module_end_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user:
         with robot.legs.running():
             asking = user.goal(ASK, how, sequential=False)
-            robot.until_waiting(how)
+            robot.until_waiting()
         assert robot.seen.get(timeout=SOON) == (Stopped, "at home")
         with pytest.raises(TaskFailed, match="module lost"):
             asking.result(SOON)
@@ -180,14 +169,14 @@ def test_retry_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user, robot.legs.running():
         asking = user.goal(ASK, how, sequential=False)
         for _ in range(2):
-            robot.until_waiting(how)
+            robot.until_waiting()
             asking.retry()
             assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
             until(
                 lambda: (info := asking.info()) is not None and info.module,
                 "the task is handled again",
             )
-        robot.until_waiting(how)
+        robot.until_waiting()
         asking.kill()
         assert asking.wait(SOON) is Outcome.KILLED
 
@@ -204,13 +193,13 @@ def test_woken_handler_learns_reason(robot: Robot) -> None:
             raise
 
     with robot.working(work) as working:
-        robot.until_waiting("query")
+        robot.until_waiting()
         working.retry()
         again = f"{working} was killed: it is to be handled again; query 'nobody' is given up"
         assert reasons.get(timeout=SOON) == again
         for _ in range(2):
             begun.get(timeout=SOON)
-        robot.until_waiting("query")
+        robot.until_waiting()
         working.kill("the floor is wet")
         killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is given up"
         assert reasons.get(timeout=SOON) == killed
@@ -261,10 +250,10 @@ def test_module_end_wakes_killed_handler_that_waits_again(
             task.wait_until_handled(NEVER)
 
     with robot.working(work) as working:
-        robot.until_waiting("query")
+        robot.until_waiting()
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
-        robot.until_waiting("until handled")
+        robot.until_waiting()
     assert [fact.outcome for fact in robot.central.facts(Returned) if fact.id == working.id] == [
         Outcome.DONE
     ]
@@ -353,7 +342,7 @@ def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any
             raise
 
     with robot.working(work) as working:
-        robot.until_waiting("")
+        robot.until_waiting()
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
         assert working.wait(SOON) is Outcome.KILLED

@@ -126,10 +126,8 @@ class Life:
         self.generation += 1
         name = f"{module}{self.generation}"
         pending = self.pending[self.generation % len(self.pending)]
-        pool, direct = "all" if module == "map" else "", self.generation % 2 == 1
-        self.player.module(
-            name, *self.modules[module], capacity=2, pool=pool, pending=pending, direct=direct
-        )
+        pool = "all" if module == "map" else ""
+        self.player.module(name, *self.modules[module], capacity=2, pool=pool, pending=pending)
 
     def copies_of(self, message: str) -> set[int]:
         """Return the delivery ids of all messages with this name."""

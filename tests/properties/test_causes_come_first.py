@@ -16,15 +16,13 @@ from sampling import lives
 from tca_tools.analysis.failures import failures
 from tca_tools.explain.story import story
 from tca_tools.journal.fates import (
-    Failing,
     Fate,
     describe_asker,
-    failing,
     fate,
     is_reported,
     run_continued,
 )
-from tca_tools.journal.records import Handling, Message, Task
+from tca_tools.journal.records import Message, Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_wire.journal import facts
@@ -56,7 +54,7 @@ class Answers:
         return (time, query.id) in self.answered and not _has_ended(query, time)
 
 
-def _has_ended(failed: Failing, time: float) -> bool:
+def _has_ended(failed: Message, time: float) -> bool:
     return failed.by is not None and failed.by.until < time
 
 
@@ -83,7 +81,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
                     _assert_told(run, message, time)
     for handling in run.handlings:
         if handling.outcome is Outcome.FAILED and handling.end is not None:
-            _assert_told(run, failing(run, handling), handling.end)
+            _assert_told(run, run.messages[handling.message_id], handling.end)
     for case in (case for kind in failures(run) for case in kind.cases):
         assert case.fate is Fate.NOT_REPORTED or not case.why.startswith(Fate.NOT_REPORTED.words)
         assert case.recovery >= 0
@@ -97,7 +95,7 @@ def _assert_known(run: Run, text: str, instant: float) -> None:
     assert all(one.received <= instant for one in named), f"at {instant}: {text}"
 
 
-def _assert_told(run: Run, failed: Failing, time: float) -> None:
+def _assert_told(run: Run, failed: Message, time: float) -> None:
     """Assert that the receiver of a failure had neither ended nor given up. A failure without a
     receiver must cause no other failure.
     """
@@ -107,7 +105,7 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
         assert fate(run, failed, time) is Fate.NOT_REPORTED
     elif receivers:
         assert not _has_ended(failed, time), receivers
-        assert isinstance(failed, Handling) or not failed.value_at("dropped", time), receivers
+        assert not failed.value_at("dropped", time), receivers
 
 
 @given(operations)

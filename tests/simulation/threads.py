@@ -184,7 +184,6 @@ class Thread:
             if isinstance(header, headers.Welcome):
                 self.welcomed_at = self.now
             self.session.receive(header, body, self.now)
-        self.session.routing.clear()
         while self.session.complaints:
             self.clockwork.trace(self.name, f"LOGS {self.session.complaints.pop(0)}")
 

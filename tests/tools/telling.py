@@ -327,9 +327,8 @@ def runs(run: Run) -> list[str]:
     """Return the times of handlings, queueings and claims."""
     lines = []
     for one in run.handlings:
-        whose = f", directly from {one.direct_from}" if one.direct_from else ""
         lines.append(
-            f"{one.name} in {one.module}{whose}: {one.start:.6g} to {one.end and f'{one.end:.6g}'} {one.outcome}"
+            f"{one.name} in {one.module}: {one.start:.6g} to {one.end and f'{one.end:.6g}'} {one.outcome}"
         )
         lines += [
             f"  waits for {wait.awaited} from {wait.start:.6g} to {wait.end}" for wait in one.waits

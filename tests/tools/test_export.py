@@ -34,7 +34,6 @@ from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome
 
 
 def rows(history: History, name: str) -> list[dict[str, Any]]:
@@ -43,11 +42,8 @@ def rows(history: History, name: str) -> list[dict[str, Any]]:
 
 
 def test_tables_match_their_transcript(expect: Callable[[str, str], None]) -> None:
-    direct = facts.HandledDirectly(
-        "where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark"
-    )
     text = io.BytesIO()
-    for story in (stumbling(), locking().say(direct)):
+    for story in (stumbling(), locking()):
         for table in TABLES:
             text.write(f"--- {table.name}\n".encode())
             write_csv(table, story.fold(), text)

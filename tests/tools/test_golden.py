@@ -1,7 +1,8 @@
 """Journals of former versions, which every later version must read.
 
 The journal of a released version never changes. If a fact changes before the release, remove the
-file and run this test with ``--rewrite``, which creates a new one.
+file and run this test with ``--rewrite``, which creates a new one. Facts that later versions no
+longer know are left out, and the last line of the transcript says so.
 """
 
 import json
@@ -88,9 +89,9 @@ def test_golden_journal_is_read_as_when_written(
         for entry in log
         for fact in entry.facts
     ]
-    assert log.remarks == []
-    expect(f"golden-{version}", "\n".join(rows) + "\n")
+    remarks = [one.removeprefix(f"{path}, ") for one in log.remarks]
+    expect(f"golden-{version}", "\n".join([*rows, *remarks]) + "\n")
     for tool in TOOLS:
         result = tca(*tool.split(), path)
-        assert (result.exit_code, result.stderr) == (0, ""), tool
+        assert (result.exit_code, bool(result.stderr)) == (len(remarks), bool(remarks)), tool
     assert tca("check", path).exit_code in (0, 1)

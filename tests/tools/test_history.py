@@ -4,7 +4,7 @@ from typing import Any, get_args, get_type_hints
 
 import click
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling import lives
 from tools.story import PLANNING, Story, arcs, made, stumbling, walking
@@ -118,7 +118,6 @@ def random_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
 FACTS = st.one_of([random_fact(kind) for kind in get_args(facts.Fact)])
 
 
-@example([facts.HandledDirectly("a", "a", "a", "", 0, 0, 0.0, float("nan"), Outcome.DONE, "")])
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=lives(20, soak=500))
 def test_arbitrary_facts_can_be_folded_and_shown(arbitrary: list[facts.Fact]) -> None:

@@ -25,6 +25,7 @@ from tca_tools.report.pictures import gantt, strips
 from tca_tools.report.tree import tree
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Dropping
 
 VOID = {"meta", "link", "br", "img", "path", "rect", "line", "hr"}
 BLOCKS = {"p", "div", "tr", "li", "h1", "h2", "h3", "summary", "nav", "footer"}
@@ -131,10 +132,11 @@ def test_report_marks_an_open_run(reported: Reported) -> None:
 def test_report_lists_dropped_messages_as_problems(reported: Reported) -> None:
     story = stepping()
     for number, name in enumerate(("pose", "level", "heat", "view", "sound"), 1):
-        story.say(facts.LostDirectly("user", name, 10_000 // number))
+        for _ in range(60 // number):
+            story.say(facts.Dropped(900 + number, name, "10 wait", dropping=Dropping.OVERLOAD))
     shown = reported(story)
-    assert "10,000 of pose dropped: its handler was too slow, left or died" in shown.text
-    assert "5,000 of level dropped" in shown.text
+    assert "60 of pose dropped: its handler was too slow, left or died" in shown.text
+    assert "30 of level dropped" in shown.text
     assert "2 more messages had drops: tca stats" in shown.text
     assert "None: no failure was raised" not in shown.text
 

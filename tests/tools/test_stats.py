@@ -12,13 +12,13 @@ from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
 from tools.runs import OPENED
-from tools.story import QUERY, Story, silent_for, walking
+from tools.story import Story, silent_for, walking
 
 from tca_tools.journal.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Times, measure
 from tca_wire.journal import facts
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import MessageClass
 
 
 def shown(*arguments: object, **environment: str) -> Result:
@@ -36,19 +36,10 @@ def test_stats_tables_match_their_transcript(run: Path, expect: Callable[[str, s
 def test_stats_json_matches_its_transcript(
     run: Path, tmp_path: Path, expect: Callable[[str, str], None]
 ) -> None:
-    direct = (
-        Story()
-        .module("map", "where")
-        .at(5.0)
-        .say(facts.FormatDefined("where", QUERY, "{}", "{}", "map"))
-    )
-    for outcome in (Outcome.DONE, Outcome.FAILED):
-        direct.say(facts.HandledDirectly("where", "map", "map", "x", 0, 8, 4.5, 0.25, outcome, ""))
     asked = [
         shown(run, "--json"),
         shown(run, "--from", 1.0, "--to", 2.0, "--json"),
         shown(walking().write(tmp_path / "walk"), "--json"),
-        shown(direct.write(tmp_path / "direct"), "--json"),
         shown(Story().write(tmp_path / "quiet"), "--json"),
     ]
     expect("stats_json", "\n".join(_rounded(json.loads(one.stdout)) for one in asked) + "\n")

@@ -9,7 +9,7 @@ from tools.story import Story, made
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import Outcome
 from view.conftest import OpenPage, until
 
 pytestmark = pytest.mark.slow
@@ -214,21 +214,6 @@ def test_failed_query_is_amber_when_its_asker_continued(
     expect(page.locator("#messages .line").filter(has_text="blind").first).to_have_class(
         re.compile(rf"\b{tint}\b")
     )
-
-
-@pytest.mark.soak
-def test_failed_direct_query_is_amber(open_page: OpenPage, tmp_path: Path) -> None:
-    story = Story().module("eye", "look", "log").at(1.0)
-    for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
-        story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
-        story.say(
-            facts.HandledDirectly(
-                name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"
-            )
-        )
-    page = open_page(story.at(2.0).write(tmp_path / "direct"))
-    failed_spans = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
-    assert page.evaluate(failed_spans) == [["look", True], ["log", False]]
 
 
 @pytest.mark.soak

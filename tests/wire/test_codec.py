@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.errors import ProtocolError
-from tca_wire.packets import codec, direct, headers
+from tca_wire.packets import codec, headers
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Limit, MessageClass
@@ -51,12 +51,7 @@ def test_truncated_packet_is_refused_or_ends_at_an_item(
 
 @given(st.binary(max_size=200))
 def test_arbitrary_bytes_raise_only_protocol_error(packet: bytes) -> None:
-    for unpack in (
-        codec.unpack_to_central,
-        codec.unpack_to_module,
-        direct.unpack_to_entrance,
-        direct.unpack_from_entrance,
-    ):
+    for unpack in (codec.unpack_to_central, codec.unpack_to_module):
         with suppress(ProtocolError):
             unpack(packet)
 

@@ -87,7 +87,6 @@ def _variants(option: str, values: Mapping[str, object]) -> tuple[Entry, ...]:
 _PROXY = Entry(LIMIT, "own.zeromq", "Proxy")
 _BROKERLESS = Entry("ZeroMQ, no broker", "own.zeromq", "Brokerless")
 _LIBRARY = Entry("central, module library", "own.library", "Library")
-_STRAIGHT = Entry("module library, direct messages", "own.library", "Straight")
 _BARE = Entry("central, bare ends", "own.bare", "BareEnds")
 _REDIS_SERVER = "apt install redis-server"
 
@@ -169,7 +168,7 @@ STAGES = (
                 for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
             ),
         ),
-        (_PROXY, _BROKERLESS, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
+        (_PROXY, _BROKERLESS, _BARE, _LIBRARY, *MESSAGE_PEERS, ROBOT_BUS),
         LIMIT,
     ),
     Stage(

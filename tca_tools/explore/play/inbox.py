@@ -37,7 +37,6 @@ class SlotInbox:
         """Process a packet that arrives; return whether it concerns scripts."""
         if isinstance(header, headers.Welcome | headers.Deliver | headers.Recall):
             self.session.receive(header, body, 0.0)
-            self.session.routing.clear()
             self.session.deliveries.clear()  # scripts play these deliveries
         return not _is_about_prefetch(header)
 

@@ -106,7 +106,7 @@ class ScenarioModule:
 
         Args:
             message: the message; one handler each.
-            options: Those of the module library's ``handles``, without *direct*.
+            options: Those of the module library's ``handles``.
 
         Returns:
             The decorator.
@@ -120,11 +120,6 @@ class ScenarioModule:
             raise ScenarioError(
                 f"module '{self.name}' handles '{message.name}' already: "
                 "a message has one handler in a module"
-            )
-        if handler.direct:
-            raise ScenarioError(
-                f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave "
-                "it out. The messages then go through central, as they sometimes do on the robot"
             )
         if handler.resource not in self._capacities:
             raise ScenarioError(

@@ -63,9 +63,7 @@ def of_task(run: Run, task: Task) -> Details:
 def of_handling(run: Run, handling: Handling) -> Details:
     """Return the details of a handling; a message's last one also has the message's results."""
     message = run.messages.get(handling.message_id)
-    details: Details = {"directly from": handling.direct_from or None} | (
-        of_message(run, message) if message else {}
-    )
+    details: Details = of_message(run, message) if message else {}
     details["outcome"] = handling.outcome and str(handling.outcome)
     if message and message.handlings and message.handlings[-1] is handling:
         details |= {

@@ -51,9 +51,8 @@ export class Store {
     this.rows = []; // of the chart: see rows.js
     this.spans = []; // see #addSpans
     this.failed = new Set(); // the tasks that ever failed
-    this.failures = []; // the failures of messages and tasks, in the order of time: see #addFailures
+    this.failures = []; // of messages and tasks, in the order of time, which is that of the table: see #addFailures
     this.failuresOf = new Map(); // the same, by message
-    this.failureRows = []; // all failures, also those of direct messages, by their row in the table
     this.links = []; // { sender, message, kind, handler, times, less }, see traffic.py; less: the times at which the count decreases
     this.pictures = new Map(); // by name: { times, messages }, see pictures.py
     this.restarts = []; // of central: { time, text }
@@ -198,11 +197,9 @@ export class Store {
     messages.forEach((message, i) => {
       const span = this.spans[spans[i]];
       const failure = { message, time: time[i], span, handled: false, turns: [] }; // handled: the newest verdict; turns: the times of its changes
-      this.failureRows.push(failure);
+      this.failures.push(failure);
       if (span && beside[i]) this.rows[span.row].raised.push(failure);
       else if (span) span.failure = failure;
-      if (!message) return;
-      this.failures.push(failure);
       if (!this.failuresOf.has(message)) this.failuresOf.set(message, []);
       this.failuresOf.get(message).push(failure);
     });
@@ -210,8 +207,8 @@ export class Store {
 
   #addVerdicts({ failure: rows, good, time }) {
     rows.forEach((row, i) => {
-      this.failureRows[row].handled = Boolean(good[i]);
-      this.failureRows[row].turns.push(time[i]);
+      this.failures[row].handled = Boolean(good[i]);
+      this.failures[row].turns.push(time[i]);
     });
   }
 

@@ -47,7 +47,7 @@ export class Traffic {
 
   #row({ message, kind, number, rate }, { handler }) {
     const name = element("button", { class: "link", text: message, title: "find these messages" });
-    name.addEventListener("click", () => this.find(kind === "direct" ? message : `${message} ${handler}`));
+    name.addEventListener("click", () => this.find(`${message} ${handler}`));
     return line("", element("td", {}, name, element("span", { class: "faint", text: `  ${kind}` })), number, rate);
   }
 }

@@ -9,13 +9,10 @@ from dev.benchmarks.messages.contestant import (
     LISTENERS,
     SOON,
     Contestant,
-    Lost,
-    NotThere,
     body_of,
     check_arrived,
     run_open,
     timed,
-    until,
 )
 from dev.benchmarks.messages.processes import address_in, processor_seconds
 from tca_module import Broadcast, Command, Condition, Goal, Inform, Module, Query, Task, connect
@@ -30,19 +27,17 @@ MOVE = Command("move", bytes)
 THREE_MOVES, MANY_MOVES = Goal("three moves", bytes), Goal("many moves", int)
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
-MOST_DIRECT = 500
-"""The number of direct messages sent at a time. A thousand may be on their way."""
 TOGETHER = 50
 """The modules of a crowd that share a process."""
 
 
-def serve(address: str, direct: bool) -> None:
+def serve(address: str) -> None:
     """Run the module that handles everything but the broadcast."""
     server = Module("server", address)
     for number, name in SLOTS.items():
         server.resource(name, number)
-        server.handles(PING[number], resource=name, direct=direct)(lambda _, body: body)
-    add_counter(server, POSE, SEEN, "one", direct=direct)
+        server.handles(PING[number], resource=name)(lambda _, body: body)
+    add_counter(server, POSE, SEEN, "one")
     server.handles(MOVE, resource="mover")(lambda _, __: None)
     for note in NOTES:
         server.handles(note, resource="listener")(lambda _, __: None)
@@ -61,9 +56,7 @@ def serve(address: str, direct: bool) -> None:
     server.run(patience=SOON)
 
 
-def add_counter(
-    module: Module, counted: Any, question: Query[None, int], resource: str, *, direct: bool = False
-) -> None:
+def add_counter(module: Module, counted: Any, question: Query[None, int], resource: str) -> None:
     """Count messages, and reply with the number since the last query."""
     count = 0
 
@@ -76,8 +69,8 @@ def add_counter(
         seen, count = count, 0
         return seen
 
-    module.handles(counted, resource=resource, direct=direct)(count_one)
-    module.handles(question, resource=resource, direct=direct)(report_count)
+    module.handles(counted, resource=resource)(count_one)
+    module.handles(question, resource=resource)(report_count)
 
 
 def run_together(*modules: Module) -> None:
@@ -107,9 +100,6 @@ def idle(address: str, first: int, number: int) -> None:
 class Library(Contestant):
     """Client, central and one module; its listeners have a process of their own."""
 
-    direct = False
-    """Whether the module accepts queries and informs directly from the client."""
-
     def __init__(self, journal: str = "batch", taps: int = 0, crowd: int = 0) -> None:
         super().__init__()
         self.journal, self.taps, self.crowd = journal, taps, crowd
@@ -119,7 +109,7 @@ class Library(Contestant):
         options = JOURNALS[self.journal]
         journal = () if self.journal == "off" else ("--journal", str(self.folder / "journal"))
         self.children.central(self.folder, *options, *journal)
-        self.children.serve(serve, address, self.direct)
+        self.children.serve(serve, address)
         if not self.crowd:
             self.children.serve(listen, address)
         sizes = [
@@ -142,7 +132,7 @@ class Library(Contestant):
         end = time.monotonic() + SOON
         while len(self.client.modules()) < self.crowd and time.monotonic() < end:
             time.sleep(0.2)
-        self.round_trip(10, 100)  # central announces the direct route
+        self.round_trip(10, 100)
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body, ping = body_of(size), PING[1]
@@ -188,31 +178,3 @@ class Library(Contestant):
         before = sum(map(processor_seconds, self.idle))
         time.sleep(number)
         return (sum(map(processor_seconds, self.idle)) - before) / number * 100
-
-
-class Straight(Library):
-    """The library with direct messages. Cases in which no message can be direct are left out."""
-
-    direct = True
-
-    def ready(self) -> None:
-        super().ready()
-        until(self._check_in_order)
-
-    def oneway(self, number: int) -> None:
-        for begun in range(0, number, MOST_DIRECT):
-            super().oneway(min(number - begun, MOST_DIRECT))
-
-    def _check_in_order(self) -> None:
-        """Check that informs are direct, too.
-
-        The first inform goes through central. A direct query that is sent later may overtake the
-        inform.
-        """
-        try:
-            self.oneway(1)
-        except Lost as error:
-            raise NotThere("central has not announced the direct route yet") from error
-
-    fanout = Contestant.fanout
-    commands, commands_open = Contestant.commands, Contestant.commands_open

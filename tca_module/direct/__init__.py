@@ -1,1 +1,0 @@
-"""Direct messages: informs and queries that go from module to module, without central."""
