@@ -51,6 +51,8 @@ class LargeBodies:
         self._central, self._outboxes = central, outboxes
         #: The core may forget an answer at once, but its receiver has yet to open the segment.
         self._readers: dict[ConnectionId, _Reader] = {}
+        #: The newest body that was read from a segment, and its inline form, for many receivers.
+        self._read = b"", b""
 
     def note_sharing(self, connection: ConnectionId) -> None:
         """Note that the module of a connection shares memory."""
@@ -104,10 +106,13 @@ class LargeBodies:
         handle, _ = unpack_handle(body)
         if not handle.segment or len(body) + handle.size > Limit.BODY:
             return body
+        if body == self._read[0]:
+            return self._read[1]
         try:
-            return self.store.read(handle)
+            self._read = bytes(body), self.store.read(handle)
         except OSError:
             return body  # its receiver reports that the data are lost
+        return self._read[1]
 
     def _inline_change(self, body: bytes) -> bytes:
         """Return a change of a task's state with its data inline."""
@@ -139,6 +144,7 @@ class LargeBodies:
 
     def sweep(self) -> None:
         """Release what is not needed any more. Called once a second."""
+        self._read = b"", b""
         modules, connections = self._central.registry.modules, self._central.registry.connections
         for gone in [one for one in self._readers if one not in connections]:
             del self._readers[gone]

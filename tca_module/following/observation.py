@@ -276,7 +276,7 @@ class Observation:
         """Return a change with the memory of its large data."""
         if not (is_large(change.goal) or is_large(change.data)):
             return change
-        opened = self.connection.line.large.opened
+        opened = self.connection.opened
         change = msgspec.structs.replace(change, goal=opened(change.goal), data=opened(change.data))
         self.connection.line.acknowledge([])
         return change

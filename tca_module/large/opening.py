@@ -20,23 +20,26 @@ _GONE = (
 )
 
 
-def opened(store: str, body: bytes) -> OpenedBody:
+def opened(store: str, body: bytes) -> bytes:
     """Return a large body with the memory of its segment in the folder *store*.
 
     If the segment can't be read, the body says why when it is decoded.
     """
+    try:
+        handle, _ = unpack_handle(body)
+    except ProtocolError:
+        return body  # a decoder reports the damage
+    if not handle.segment:
+        return body
     found = OpenedBody(body)
     try:
-        handle, content = unpack_handle(body)
-        if not handle.segment:
-            found.content = content
-        elif store:
+        if store:
             found.content = _memory_of(f"{store}/{handle.segment}", handle)
         else:
             found.problem = _FAR.format(size=handle.size)
     except FileNotFoundError:
         found.problem = _GONE
-    except (ProtocolError, OSError) as error:
+    except OSError as error:
         found.problem = f"its data can't be read: {error}"
     return found
 

@@ -370,12 +370,16 @@ class Connection(Waits):
             if not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
 
-    def stored_reply(self, message: Message[Any, Any], reply: Any) -> bytes:
-        """Encode a reply or result, and store its large data at once: their memory may change.
+    def store(self, body: bytes, what: object) -> bytes:
+        """Store the large data of a body that is sent later: until then their memory may change.
 
-        Raises BadData or Refused.
+        Works from any thread. *what* names the message in errors. Raises BadData or Refused.
         """
-        return self.line.large.store(message.encode_reply(reply), message.title)
+        return self.line.large.store(body, what)
+
+    def opened(self, body: bytes) -> bytes:
+        """Return a body that came inside of another one; a large one with its memory."""
+        return self.line.large.opened(body)
 
     def postpone(self, header: headers.Postpone) -> None:
         """Report that a handler has returned, and replies later."""

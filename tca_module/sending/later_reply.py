@@ -122,7 +122,8 @@ class LaterReply(ReportingTask, Generic[R]):
         """
         ending = self._state.ending if self._state is not None else ""
         reply = Reply(self._delivery.delivery, transition=ending)
-        self._answer_with(reply, self._connection.stored_reply(self._message, value))
+        body = self._message.encode_reply(value)
+        self._answer_with(reply, self._connection.store(body, self._message.title))
 
     def fail(self, error: BaseException) -> None:
         """Complete the message with a failure.

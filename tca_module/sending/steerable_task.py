@@ -346,7 +346,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         if self._tree_id():
             what = self._action(f"the question for the {wanted} of")
         connection = self._connection()
-        request, opened = connection.ask_central(header, what), connection.line.large.opened
+        request, opened = connection.ask_central(header, what), connection.opened
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             row.update(data=opened(row["data"]), result=opened(row["result"]))
             yield TaskInfo.from_row(row, request.epoch)

@@ -393,7 +393,8 @@ class Task(Sender, TaskNode, ReportingTask):
 
     def encode_reply(self, reply: Any) -> bytes:
         """Return the handler's reply or result as it is sent. Raises BadData or Refused."""
-        return self._own_connection().stored_reply(self._message, reply)
+        body = self._message.encode_reply(reply)
+        return self._own_connection().store(body, self._message.title)
 
     def handler_returned(self) -> None:
         """Record that the handler has returned. This Task sends nothing more."""

@@ -321,7 +321,7 @@ class ServerState:
 
     def _stored(self, body: bytes) -> bytes:
         """Store large data at once: another thread may send them, and their memory may change."""
-        return self._connection.line.large.store(body, self)
+        return self._connection.store(body, self)
 
     def stop(self, why: str = "") -> None:
         """End the task at its client's request."""

@@ -57,6 +57,17 @@ class LargeData(LargeBody):
     def __reduce__(self) -> Any:
         return bytes, (self.inline(),)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, LargeData):
+            return False
+        return (self.data, self.keep, self.parts) == (other.data, other.keep, other.parts)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash(self.data)
+
     def body(self, segment: str) -> bytes:
         """Return the handle of the data in a segment."""
         return pack_handle(Handle(segment, self.size, self.keep, self.data))

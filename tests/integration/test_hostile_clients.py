@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import msgpack
 import msgspec
+import numpy as np
 import pytest
 import zmq
 from integration.commanded import tca as ask
@@ -194,9 +195,9 @@ def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: RawConnec
 
 
 def test_client_rejects_oversized_body_or_header_before_sending(friend: Client) -> None:
-    note = Inform("note", bytes)
-    with pytest.raises(BadData, match=f"bytes: a message holds at most {Limit.BODY:d}"):
-        friend.inform(note, bytes(Limit.BODY))
+    note = Inform("note", np.ndarray)
+    with pytest.raises(BadData, match=f"bytes: a message holds at most {Limit.LARGE:d}"):
+        friend.inform(note, np.broadcast_to(np.uint8(0), Limit.LARGE + 1))
     with pytest.raises(MisuseError, match="the limit is 1,048,576"):
         friend.inform(Inform("told", Annotated[int, msgspec.Meta(description="x" * (1 << 20))]), 1)
 

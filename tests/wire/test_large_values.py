@@ -261,3 +261,13 @@ def test_damaged_body_is_refused_or_read_safely(at: int, byte: int, is_cut: bool
 def test_handle_with_a_strange_name_is_refused(name: str) -> None:
     with pytest.raises(BadData, match="a large body is damaged"):
         ANY.decode(pack_handle(Handle(name, 1000, 0, b"\xc0")))
+
+
+def test_encoded_values_are_compared_by_their_data() -> None:
+    first, same, other = (encoded(large_array(size)) for size in (LARGE, LARGE, LARGE + 1))
+    changed = large_array()
+    changed[5] = 0
+    assert first == same
+    assert first != other
+    assert first != encoded(changed)
+    assert hash(first) == hash(same)

@@ -21,6 +21,7 @@ import msgspec
 
 from tca_module import BadData, BadFormat
 from tca_wire.messages.formats import MISSION_TASK, Format
+from tca_wire.messages.large_data import inline
 
 T = TypeVar("T")
 
@@ -85,7 +86,7 @@ class Field:
             if isinstance(meta, msgspec.Meta)
         )
         self._format = Format[Any](hint)
-        self._default = b"" if self.is_required else self._format.encode(default)
+        self._default = b"" if self.is_required else inline(self._format.encode(default))
 
     @property
     def default(self) -> Any:

@@ -42,6 +42,7 @@ from tca_tools.explore.scenario.worker_thread import abandon_thread
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import FailureRaised, Message
 from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR
+from tca_wire.messages.large_data import inline
 from tca_wire.packets import headers
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
@@ -267,7 +268,7 @@ class Program:
             result.handler_returned()
             script._explored.returned_reply = ref(result)  # noqa: SLF001
             return None
-        body = self.message.encode_reply(result) if self.message else b""
+        body = inline(self.message.encode_reply(result)) if self.message else b""
         return steps.Return(body, script.ending if isinstance(script, Task) else "")
 
     def _place_of_error(self, error: BaseException | None) -> str:

@@ -22,6 +22,7 @@ from tca_module.session.sent_tasks import SentId, TaskSends
 from tca_tools.explore.errors import ScenarioError
 from tca_tools.explore.scenario import steps
 from tca_wire.messages.declarations import Message
+from tca_wire.messages.large_data import inline
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.points import TaskId
@@ -280,6 +281,14 @@ class ScriptConnection:
         while self._callbacks:
             self._callbacks.popleft()()
 
+    def store(self, body: bytes, _: object) -> bytes:
+        """Return a body that holds its large data itself: a script shares no memory."""
+        return inline(body)
+
+    def opened(self, body: bytes) -> bytes:
+        """Return the body: it holds its large data itself."""
+        return body
+
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """Store the owed reply."""
         self._owed = header, body
@@ -450,7 +459,7 @@ class ScriptConnection:
     ) -> steps.Ask:
         self._check_sends(header)
         declares, self._declared = tuple(self._declared.values()), {}
-        return steps.Ask(header, body, declares, wants_answer, is_one_way)
+        return steps.Ask(header, inline(body), declares, wants_answer, is_one_way)
 
 
 def _accepted_result(got: steps.StepResult, what: object) -> steps.StepResult:
