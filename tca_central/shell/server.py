@@ -79,8 +79,10 @@ SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 TICK_PERIOD = 5.0  # without input, while a timer is set: a crash loses the time since the last one
 LOST_AFTER = 5
 """The number of unanswered heartbeats after which a process that stands still counts as lost."""
-PACKETS_PER_TURN = 64
-"""Few enough that one flooding sender can't starve the slots.
+EVENTS_PER_TURN = 64
+"""A turn ends after a packet with which it has at least so many events.
+
+Few enough that one flooding sender can't starve the slots.
 
 Slots get their next messages once a turn.
 """
@@ -348,12 +350,14 @@ class Daemon:
 
         With *flags* 0 wait up to LIVELY milliseconds for the first one.
         """
-        receive, size, until = self.socket.recv, 0, 0.0
+        receive, size, until, central = self.socket.recv, 0, 0.0, self.central
+        last = central.event_count + EVENTS_PER_TURN
         # Reading EVENTS makes ZeroMQ notice other senders. Otherwise, while one sender has more,
         # ZeroMQ would notice the others only every hundred frames.
         self._has_arrived()
-        for count in range(PACKETS_PER_TURN):
-            if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
+        for count in range(EVENTS_PER_TURN):
+            is_over = size > BYTES_PER_TURN or central.event_count >= last
+            if is_over or (count == 1 and not self._has_arrived()):
                 break
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))

@@ -1,10 +1,12 @@
 """Exchanges packets with central, and direct packets. Each call has a bounded wait."""
 
 import math
+import threading
 from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
+from tca_module.link.late_sends import late_sends
 from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.curve import key_problem
@@ -22,6 +24,7 @@ SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
 _PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a probe
 STALL = 2.0  # if a wait ends this many seconds too late, the whole process was stopped
+_MOST_HELD, _MOST_HELD_BYTES = 64, 16 << 10  # sends that wait to leave together
 
 
 class PacketLine:
@@ -33,9 +36,17 @@ class PacketLine:
         transport: Transport,
         direct: DirectMessages,
         clock: Callable[[], float],
+        lock: threading.RLock,
     ) -> None:
+        """*lock*: the lock of the connection. Callers have it, except those of ``send_held``."""
         self.session = session
         self._transport = transport
+        self._lock = lock
+        #: Its thread keeps the lock beyond a call, so that no other thread could send.
+        self.is_occupied = False
+        self._send_at = math.inf  #: when another thread will call ``send_held``
+        self._hold_until = -math.inf  #: until then, sends wait for others to leave with them
+        self._held_bytes = 0  #: bytes of the bodies that wait
         #: the handlers' clock, in seconds; a stepped clock stands still
         self.handler_time = transport.time
         self.direct = direct
@@ -138,12 +149,59 @@ class PacketLine:
         while session.complaints:
             self._log.warning("%s", session.complaints.pop(0))
 
+    def begin_send(self) -> None:
+        """Prepare to send a header that nothing waits for; ``end_send`` comes next.
+
+        Such headers share packets. The first one after a millisecond leaves at once. Then arrived
+        packets are processed, too.
+        """
+        if not self._may_hold():
+            self.catch_up(is_sending=True)
+
+    def _may_hold(self) -> bool:
+        return (
+            self.clock() < self._hold_until
+            and not self.is_occupied
+            and len(self.session.outgoing) < _MOST_HELD
+            and self._held_bytes < _MOST_HELD_BYTES
+        )
+
+    def end_send(self, body: bytes) -> None:
+        """Send the outgoing headers, or hold them back for at most a millisecond."""
+        self._held_bytes += len(body)
+        if self._may_hold():
+            self.hold(self._transport.hold_seconds)
+        else:
+            self.flush()
+            self._hold_until = self.clock() + self._transport.hold_seconds
+
+    def hold(self, seconds: float) -> None:
+        """Have another thread send the outgoing headers if this one does not within *seconds*."""
+        send_at = self.clock() + seconds
+        if send_at < self._send_at:
+            self._send_at = send_at
+            late_sends().add(self, seconds)
+
+    def send_held(self) -> bool:
+        """Send the outgoing headers, from another thread; return False if that is not possible."""
+        # Reset first, because a send first adds its header, and then calls ``hold``.
+        self._send_at = math.inf
+        if not self.session.outgoing:
+            return True
+        if not self._lock.acquire(blocking=False):
+            return False
+        try:
+            return self.flush(0.0, is_patient=True)
+        finally:
+            self._lock.release()
+
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
         """Send the session's outgoing headers; return whether they left.
 
         If they did not leave, the connection counts as broken, unless the caller *is_patient*.
         """
         if self.session.outgoing:
+            self._held_bytes = 0
             outgoing = self.session.pop_outgoing(self.handler_time)
             for sent, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):

@@ -2,7 +2,9 @@
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
@@ -26,6 +28,7 @@ class WaitLoop:
     def __init__(self, line: PacketLine, lock: threading.RLock, patience: float) -> None:
         self._session = line.session
         self._turns = Turns(line, lock)
+        self._lock: Any = lock  # typeshed lacks the methods that release it as a condition does
         self._direct = line.direct
         self._line = line
         self._clock = line.clock
@@ -146,10 +149,24 @@ class WaitLoop:
         elif self.callbacks and not self.is_calling_back:
             self.is_calling_back = True
             try:
-                with working_on(None):
+                with working_on(None), self.unlocked():
                     self.callbacks.popleft()()
             finally:
                 self.is_calling_back = False
+
+    @contextmanager
+    def unlocked(self) -> Iterator[None]:
+        """Unlock the connection while a user's function runs, so that other threads may send."""
+        lock, line = self._lock, self._line
+        # The loop of coroutines calls this, too, and may have no lock.
+        state = lock._release_save() if lock._is_owned() else None  # noqa: SLF001
+        was_occupied, line.is_occupied = line.is_occupied, False
+        try:
+            yield
+        finally:
+            if state is not None:
+                lock._acquire_restore(state)  # noqa: SLF001
+            line.is_occupied = was_occupied
 
     def run_pending_calls(self) -> None:
         """Make all pending calls."""
@@ -170,7 +187,16 @@ class WaitLoop:
             until = min(deadline, max(until, now + STEP))
         return self._direct.seconds_until_due(max(0.0, until - now))
 
-    def _wait(
+    def _wait(self, *arguments: Any, **options: Any) -> bool:
+        """Do what ``_wait_occupied`` does, and note that the thread keeps the lock for it."""
+        line = self._line
+        was_occupied, line.is_occupied = line.is_occupied, True
+        try:
+            return self._wait_occupied(*arguments, **options)
+        finally:
+            line.is_occupied = was_occupied
+
+    def _wait_occupied(
         self,
         is_over: Callable[[], bool],
         timeout: float | None,
@@ -230,7 +256,8 @@ class WaitLoop:
         if delivery is None and is_nested and self._check_next() and not session.is_claiming:
             delivery = session.prefetched.popleft()
         if delivery is not None:
-            handle(*delivery)
+            with self.unlocked():
+                handle(*delivery)
         return delivery is not None
 
     def _flush_within(self, left: float) -> bool:

@@ -128,7 +128,7 @@ class Waits(ThreadBound):
         #: sleeps until a time of the handlers' clock; also set by the event loop
         self.await_moment: Callable[[float], Awaitable[None]] | None = None
         self.now = clock  #: a monotonic clock, in seconds
-        self.line = PacketLine(session, transport, self.direct, clock)
+        self.line = PacketLine(session, transport, self.direct, clock, self._lock)
         self.wait_loop = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
