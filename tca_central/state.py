@@ -489,12 +489,14 @@ class State(Waits):
     @property
     def tap_depth(self) -> int:
         """The number of wiretaps' listeners among the causes of the present request."""
+        if not self.origin:
+            return 0
         asking = self.dispatcher.running.get(self.origin)
         return asking.tap_depth if asking is not None else 0
 
     def check_tap_depth(self, message: MessageType) -> None:
         """Raise RequestError if a message would call one listener too many in its chain."""
-        if self.tap_depth < self.budget.tap_depth:
+        if not message.taps or self.tap_depth < self.budget.tap_depth:
             return
         tap = next((tap for tap in message.taps if tap.is_heard), None)
         if tap is not None:

@@ -384,7 +384,10 @@ class Resource(Stored, Generic[S, Q]):
         """Whether *newest*, which has just arrived, goes before a prefetched message."""
         if not self.prefetched:
             return False
-        return rank(newest) < rank(next(reversed(self.prefetched)))
+        last = next(reversed(self.prefetched))
+        if newest.priority == last.priority:
+            return newest.arrival < last.arrival
+        return newest.priority > last.priority
 
     def _first_in_line(self) -> Q | Claim[S, Q] | None:
         """Return the first of the entries that no lock or reservation in force keeps out."""

@@ -111,10 +111,11 @@ def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
     that may go to another resource, or have a pending limit or a wiretap on their delivery.
     """
     message = delivery.message
-    if delivery.is_task or delivery.role or any(tap.at & DELIVERED for tap in message.taps):
+    if delivery.is_task or delivery.role or len(delivery.body) > LARGEST:
         return False
-    is_alone = delivery.queues == (resource,) and message.name not in resource.limits
-    return is_alone and len(delivery.body) <= LARGEST
+    if message.taps and any(tap.at & DELIVERED for tap in message.taps):
+        return False
+    return delivery.queues == (resource,) and message.name not in resource.limits
 
 
 def is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:

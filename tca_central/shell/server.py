@@ -73,6 +73,7 @@ _OPTIONS = (
 )
 
 _BEAT = codec.pack_item(Beat())
+_TRACKED = Bye, Receipt
 PULSE_PERIOD = 1.0  # seconds between heartbeats on pulses
 BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # between heartbeats to all connections
@@ -222,7 +223,7 @@ class Daemon:
             self.log.add_input(_as_logged(event, events))
         handle = self.central.handle
         for index, one in enumerate(events):
-            if isinstance(one, RequestReceived) and isinstance(one.header, Bye | Receipt):
+            if type(one) is RequestReceived and isinstance(one.header, _TRACKED):
                 self._track(one.connection, one.header)
             try:
                 effects = handle(one)
@@ -258,13 +259,14 @@ class Daemon:
 
     def _perform(self, effects: list[Effect]) -> None:
         """Journal entries and queue messages; ``_flush`` writes and sends them."""
+        log, lines = self.log, self._lines
         for effect in effects:
-            if isinstance(effect, Transmit):
+            if type(effect) is Transmit:
                 self._enqueue(effect.connection, effect.header, effect.body)
                 continue
-            if self.log is not None:
-                self.log.add_entry(effect.entry)
-            self._lines.write(effect)
+            if log is not None:
+                log.add_entry(effect.entry)
+            lines.write(effect)
 
     def _run_due_work(self) -> None:
         """Handle losses, heartbeats and timers that are due."""

@@ -45,7 +45,8 @@ class PacketLine:
         #: Its thread keeps the lock beyond a call, so that no other thread could send.
         self.is_occupied = False
         self._send_at = math.inf  #: when another thread will call ``send_held``
-        self._hold_until = -math.inf  #: until then, sends wait for others to leave with them
+        self._hold_until = -math.inf  #: until then the line counts as busy after a send
+        self._is_busy = False  #: the present send may wait for others, to leave with them
         self._held_bytes = 0  #: bytes of the bodies that wait
         #: the handlers' clock, in seconds; a stepped clock stands still
         self.handler_time = transport.time
@@ -152,35 +153,29 @@ class PacketLine:
     def begin_send(self) -> None:
         """Prepare to send a header that nothing waits for; ``end_send`` comes next.
 
-        Such headers share packets. The first one after a millisecond leaves at once. Then arrived
-        packets are processed, too.
+        Such headers share packets. The first one after a millisecond leaves at once. Arrived
+        packets are processed as rarely as packets leave.
         """
-        if not self._may_hold():
+        self._is_busy = not self.is_occupied and self.clock() < self._hold_until
+        if not self._is_busy:
             self.catch_up(is_sending=True)
 
-    def _may_hold(self) -> bool:
-        return (
-            self.clock() < self._hold_until
-            and not self.is_occupied
-            and len(self.session.outgoing) < _MOST_HELD
-            and self._held_bytes < _MOST_HELD_BYTES
-        )
-
     def end_send(self, body: bytes) -> None:
-        """Send the outgoing headers, or hold them back for at most a millisecond."""
+        """Send the outgoing headers, or hold them back until the line is no longer busy."""
         self._held_bytes += len(body)
-        if self._may_hold():
-            self.hold(self._transport.hold_seconds)
-        else:
-            self.flush()
-            self._hold_until = self.clock() + self._transport.hold_seconds
+        if self._is_busy:
+            if len(self.session.outgoing) < _MOST_HELD and self._held_bytes < _MOST_HELD_BYTES:
+                self.hold(self._hold_until)
+                return
+            self.catch_up(is_sending=True)
+        self.flush()
+        self._hold_until = self.clock() + self._transport.hold_seconds
 
-    def hold(self, seconds: float) -> None:
-        """Have another thread send the outgoing headers if this one does not within *seconds*."""
-        send_at = self.clock() + seconds
-        if send_at < self._send_at:
-            self._send_at = send_at
-            late_sends().add(self, seconds)
+    def hold(self, until: float) -> None:
+        """Have another thread send the outgoing headers if this one has not at the time *until*."""
+        if until < self._send_at:
+            self._send_at = until
+            late_sends().add(self, until - self.clock())
 
     def send_held(self) -> bool:
         """Send the outgoing headers, from another thread; return False if that is not possible."""

@@ -11,7 +11,7 @@ from tca_module.link.packet_line import PacketLine
 from tca_wire.packets.headers import Deliver
 
 TURN_SECONDS = 0.001  # seconds after which a turn starts no further message
-_REPLY_WITHIN = 0.02  # seconds that a reply may wait for a slow handler
+_REPLY_WITHIN = 0.02  # seconds after that time within which its replies leave
 
 
 class Turns:
@@ -32,7 +32,7 @@ class Turns:
                 header, body = session.prefetched.popleft()
                 session.held_replies.begin(header.delivery, self._line.handler_time())
                 if session.outgoing:
-                    self._line.hold(_REPLY_WITHIN)
+                    self._line.hold(until + _REPLY_WITHIN)
                 self._line.is_occupied = False
                 self._lock.release()
                 try:

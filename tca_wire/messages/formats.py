@@ -11,6 +11,8 @@ from tca_wire.messages.arrays import decode_array, decode_custom, encode_custom,
 from tca_wire.messages.schemas import schema_text
 from tca_wire.vocabulary import Limit
 
+_LONGEST = int(Limit.BODY)
+
 T = TypeVar("T")
 
 NIL = b"\xc0"
@@ -68,8 +70,8 @@ class Format(Generic[T]):
             data = self._encoder.encode(value)
         except _UNFIT as error:
             raise BadData(f"{error}") from None
-        if len(data) > Limit.BODY:
-            limit = f"a message holds at most {Limit.BODY:d}"
+        if len(data) > _LONGEST:
+            limit = f"a message holds at most {_LONGEST:d}"
             raise BadData(f"{len(data)} bytes: {limit}; send a reference instead")
         if type(value) is not self._always_readable:
             read = self.decode(data)  # msgspec checks types only when it decodes

@@ -73,7 +73,7 @@ def _packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[in
     before = size = entries = 0
     for header, body in items:
         item = pack_item(header, body)
-        more = entries_in(header) if len(item) > _SHORT else 0
+        more = entries_in(header) if len(item) - len(body) > _SHORT else 0
         if packed and (
             size + len(item) > _TOGETHER
             or len(packed) == _MOST_ITEMS

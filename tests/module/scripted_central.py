@@ -33,6 +33,7 @@ class ScriptedCentral:
     """
 
     address = "ipc://scripted"
+    hold_seconds = 0.0
 
     def __init__(self, script: Script) -> None:
         self.script = script
