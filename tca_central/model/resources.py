@@ -103,6 +103,11 @@ class Queue(Stored, Generic[Q]):
             self._heap = [entry for entry in self._heap if entry[3].ticket == entry[2]]
             heapq.heapify(self._heap)
 
+    def pop_first(self) -> None:
+        """Remove the entry that ``first`` has just returned."""
+        heapq.heappop(self._heap)
+        self.waiting -= 1
+
     def first(self) -> Q | None:
         """Return the next valid entry, which stays in the queue; None if the queue is empty."""
         while self._heap:
@@ -366,8 +371,7 @@ class Resource(Stored, Generic[S, Q]):
 
     def mark_prefetched(self, first: Q) -> S:
         """Mark the first message in the queue as prefetched. Return its slot."""
-        first.ticket += 1
-        self._queue.mark_void()
+        self._queue.pop_first()
         self.prefetched[first] = None
         self.prefetching_slot = next(iter(self.slots))
         return self.prefetching_slot
