@@ -381,6 +381,7 @@ class Resource(Stored, Generic[S, Q]):
 
         If it was dropped in the meantime, return the facts to record.
         """
+        message.ticket += 1
         self._queue.add(message)
         return self.prefetched.pop(message)
 

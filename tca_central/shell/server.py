@@ -223,7 +223,7 @@ class Daemon:
             self.log.add_input(_as_logged(event, events))
         handle = self.central.handle
         for index, one in enumerate(events):
-            if type(one) is RequestReceived and isinstance(one.header, _TRACKED):
+            if isinstance(one, RequestReceived) and isinstance(one.header, _TRACKED):
                 self._track(one.connection, one.header)
             try:
                 effects = handle(one)
@@ -261,7 +261,7 @@ class Daemon:
         """Journal entries and queue messages; ``_flush`` writes and sends them."""
         log, lines = self.log, self._lines
         for effect in effects:
-            if type(effect) is Transmit:
+            if isinstance(effect, Transmit):
                 self._enqueue(effect.connection, effect.header, effect.body)
                 continue
             if log is not None:

@@ -2,8 +2,7 @@
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from tca_module.errors import CentralLost
@@ -154,19 +153,9 @@ class WaitLoop:
             finally:
                 self.is_calling_back = False
 
-    @contextmanager
-    def unlocked(self) -> Iterator[None]:
-        """Unlock the connection while a user's function runs, so that other threads may send."""
-        lock, line = self._lock, self._line
-        # The loop of coroutines calls this, too, and may have no lock.
-        state = lock._release_save() if lock._is_owned() else None  # noqa: SLF001
-        was_occupied, line.is_occupied = line.is_occupied, False
-        try:
-            yield
-        finally:
-            if state is not None:
-                lock._acquire_restore(state)  # noqa: SLF001
-            line.is_occupied = was_occupied
+    def unlocked(self) -> "Unlocked":
+        """Return a block that runs a user's function, while other threads may send."""
+        return Unlocked(self._line, self._lock)
 
     def run_pending_calls(self) -> None:
         """Make all pending calls."""
@@ -305,3 +294,22 @@ class WaitLoop:
             handle(*message)
             if self.has_pending_call or self._clock() >= until:
                 return
+
+
+class Unlocked:
+    """A block in which a connection is not locked, although its thread has the lock around it."""
+
+    __slots__ = ("_line", "_lock", "_state", "_was_occupied")
+
+    def __init__(self, line: PacketLine, lock: Any) -> None:
+        self._line, self._lock = line, lock
+
+    def __enter__(self) -> None:
+        # The loop of coroutines calls users' functions, too, and may have no lock.
+        self._state = self._lock._release_save() if self._lock._is_owned() else None  # noqa: SLF001
+        self._was_occupied, self._line.is_occupied = self._line.is_occupied, False
+
+    def __exit__(self, *_: object) -> None:
+        if self._state is not None:
+            self._lock._acquire_restore(self._state)  # noqa: SLF001
+        self._line.is_occupied = self._was_occupied

@@ -158,16 +158,11 @@ class Waits(ThreadBound):
         self.check_thread()
         is_done = is_over or (lambda: request.is_over)
         with self._lock:
+            is_in_time = announced_wait is None and is_done()
             try:
-                if timeout != 0 and request.is_unannounced:
-                    self.announce(request)
-                is_observation = timeout != 0 and isinstance(request.header, Observe)
-                with announced_wait or AnnouncedWait(
-                    self, [request] * is_observation, timeout is not None and timeout < BRIEF
-                ) as wait:
-                    condition = wait.announcing(is_done)
-                    is_in_time = is_done() or self.wait_loop.wait_interruptibly(
-                        condition, timeout, what, request, since=since
+                if not is_in_time:
+                    is_in_time = self._wait_for_news(
+                        request, timeout, what, is_done, since, announced_wait
                     )
             except CentralLost as error:
                 self.abandon(request)
@@ -182,6 +177,27 @@ class Waits(ThreadBound):
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
             return is_in_time
+
+    def _wait_for_news(
+        self,
+        request: Request,
+        timeout: float | None,
+        what: object,
+        is_done: Callable[[], bool],
+        since: float | None,
+        announced_wait: AnnouncedWait | None,
+    ) -> bool:
+        """Announce a wait, and wait: see ``wait``."""
+        if timeout != 0 and request.is_unannounced:
+            self.announce(request)
+        is_observation = timeout != 0 and isinstance(request.header, Observe)
+        with announced_wait or AnnouncedWait(
+            self, [request] * is_observation, timeout is not None and timeout < BRIEF
+        ) as wait:
+            condition = wait.announcing(is_done)
+            return is_done() or self.wait_loop.wait_interruptibly(
+                condition, timeout, what, request, since=since
+            )
 
     def wait_in_coroutine(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
