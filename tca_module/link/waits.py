@@ -234,14 +234,14 @@ class Waits(ThreadBound):
         with self._lock:
             if not request.is_unannounced:
                 return
-            self.line.catch_up(is_sending=not blocking)
+            self.line.catch_up(is_sending=True)
             if request.is_unannounced:
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
-                # For coroutines, the event loop sends all their announcements together.
-                if blocking:
-                    self.line.flush()
+            # For coroutines, the event loop sends all their announcements together.
+            if blocking:
+                self.line.flush()
 
     def abandon(self, request: Request) -> None:
         """Give up a request: its answer is no longer wanted."""
