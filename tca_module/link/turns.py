@@ -8,10 +8,13 @@ import threading
 from collections.abc import Callable
 
 from tca_module.link.packet_line import PacketLine
+from tca_module.session.session import PREFETCH
 from tca_wire.packets.headers import Deliver
 
 TURN_SECONDS = 0.001  # seconds after which a turn starts no further message
-_REPLY_WITHIN = 0.02  # seconds after that time within which its replies leave
+# Half of what a slot may prefetch: central answers one half while the slot handles the other.
+TURN_MESSAGES = PREFETCH // 2
+_REPLY_WITHIN = 0.02  # seconds that a reply may wait for a slow handler
 
 
 class Turns:
@@ -28,11 +31,11 @@ class Turns:
         """Handle the first prefetched message, and more while *may_continue* and time allow."""
         session, until = self._session, self._line.clock() + TURN_SECONDS
         try:
-            while True:
+            for _ in range(TURN_MESSAGES):
                 header, body = session.prefetched.popleft()
                 session.held_replies.begin(header.delivery, self._line.handler_time())
                 if session.outgoing:
-                    self._line.hold(until + _REPLY_WITHIN)
+                    self._line.hold(self._line.clock() + _REPLY_WITHIN)
                 self._line.is_occupied = False
                 self._lock.release()
                 try:

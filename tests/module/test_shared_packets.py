@@ -100,7 +100,12 @@ def test_waiting_messages_count_as_unconfirmed() -> None:
 
 def test_thread_that_serves_holds_nothing_back() -> None:
     connection, central = busy_connection()
-    connection.wait_loop.until(lambda: connection.post(NOTE, BODY) is None, 0)
+
+    def condition() -> bool:
+        connection.post(NOTE, BODY)
+        return True
+
+    connection.wait_loop.until(condition, 0)
     assert central.sizes == [1, 1]
 
 
