@@ -49,15 +49,15 @@ class Prefetcher(Stored):
         if len(resource.slots) != 1 or not (resource.quick_runs >= QUICK_RUNS or self.trusts_all):
             return
         (slot,) = resource.slots
+        room = slot.prefetch - len(resource.prefetched)
         running = next(iter(slot.handling), None)
-        if running is None or running.is_task or running.nested:
+        if room <= 0 or running is None or running.is_task or running.nested:
             return
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
-        while (
-            len(resource.prefetched) < slot.prefetch
-            and (delivery := resource.next_to_prefetch()) is not None
-        ):
+        for _ in range(room):
+            if (delivery := resource.next_to_prefetch()) is None:
+                return
             if not _can_be_prefetched(delivery, resource):
                 return
             resource.mark_prefetched(delivery)

@@ -305,7 +305,7 @@ class Connection(Waits):
         try:
             self._check_header(header, numbers, epoch)
         except BaseException:
-            self.line.flush(wait_seconds=0)
+            self.line.flush(wait_seconds=0, is_patient=True)
             raise
 
     def _check_header(

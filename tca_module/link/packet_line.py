@@ -111,9 +111,11 @@ class PacketLine:
         connection. With *is_sending*, the caller flushes right after this.
         """
         self.listen_to_all()
-        due = self.session.send_due(self.clock(), since, quiet)
+        now = self.clock()
+        due = self.session.send_due(now, since, quiet)
         if not is_sending:
-            self.flush(wait_seconds=0)
+            # A send that waits to share a packet has as long as any other to leave.
+            self.flush(wait_seconds=0, is_patient=now < self._hold_until + SEND_WAIT)
         return due
 
     def listen_to_all(self) -> None:

@@ -241,7 +241,7 @@ class Waits(ThreadBound):
                 )
             # For coroutines, the event loop sends all their announcements together.
             if blocking:
-                self.line.flush()
+                self.line.flush(0.0, is_patient=True)
 
     def abandon(self, request: Request) -> None:
         """Give up a request: its answer is no longer wanted."""

@@ -121,3 +121,15 @@ def test_user_functions_in_a_wait_let_others_send() -> None:
     connection.process_pending()
     connection.flush()
     assert central.sizes == [1, 2]
+
+
+def test_waiting_informs_outlast_a_central_that_is_busy() -> None:
+    connection, central = busy_connection()
+    for _ in range(3):
+        connection.post(NOTE, BODY)
+    central.room = 0
+    connection.catch_up()
+    central.is_present, central.room = True, -1
+    connection.catch_up()
+    assert central.sizes == [1, 3]
+    assert connection.session.dropped == 0
