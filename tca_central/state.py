@@ -489,9 +489,7 @@ class State(Waits):
     @property
     def tap_depth(self) -> int:
         """The number of wiretaps' listeners among the causes of the present request."""
-        if not self.origin:
-            return 0
-        asking = self.dispatcher.running.get(self.origin)
+        asking = self.dispatcher.running.get(self.origin) if self.origin else None
         return asking.tap_depth if asking is not None else 0
 
     def check_tap_depth(self, message: MessageType) -> None:
