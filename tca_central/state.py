@@ -473,12 +473,12 @@ class State(Waits):
     @property
     def tap_depth(self) -> int:
         """The number of wiretaps' listeners among the causes of the present request."""
-        asking = self.dispatcher.running.get(self.origin)
+        asking = self.dispatcher.running.get(self.origin) if self.origin else None
         return asking.tap_depth if asking is not None else 0
 
     def check_tap_depth(self, message: MessageType) -> None:
         """Raise RequestError if a message would call one listener too many in its chain."""
-        if self.tap_depth < self.budget.tap_depth:
+        if not message.taps or self.tap_depth < self.budget.tap_depth:
             return
         tap = next((tap for tap in message.taps if tap.is_heard), None)
         if tap is not None:

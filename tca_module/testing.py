@@ -403,6 +403,8 @@ class LocalCentral(Rig):
 class LocalTransport:
     """One connection to a LocalCentral."""
 
+    hold_seconds = 0.0  # a packet costs nothing here
+
     def __init__(
         self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock
     ) -> None:

@@ -103,6 +103,11 @@ class Queue(Stored, Generic[Q]):
             self._heap = [entry for entry in self._heap if entry[3].ticket == entry[2]]
             heapq.heapify(self._heap)
 
+    def pop_first(self) -> None:
+        """Remove the entry that ``first`` has just returned."""
+        heapq.heappop(self._heap)
+        self.waiting -= 1
+
     def first(self) -> Q | None:
         """Return the next valid entry, which stays in the queue; None if the queue is empty."""
         while self._heap:
@@ -366,8 +371,7 @@ class Resource(Stored, Generic[S, Q]):
 
     def mark_prefetched(self, first: Q) -> S:
         """Mark the first message in the queue as prefetched. Return its slot."""
-        first.ticket += 1
-        self._queue.mark_void()
+        self._queue.pop_first()
         self.prefetched[first] = None
         self.prefetching_slot = next(iter(self.slots))
         return self.prefetching_slot
@@ -377,6 +381,7 @@ class Resource(Stored, Generic[S, Q]):
 
         If it was dropped in the meantime, return the facts to record.
         """
+        message.ticket += 1
         self._queue.add(message)
         return self.prefetched.pop(message)
 
@@ -384,7 +389,10 @@ class Resource(Stored, Generic[S, Q]):
         """Whether *newest*, which has just arrived, goes before a prefetched message."""
         if not self.prefetched:
             return False
-        return rank(newest) < rank(next(reversed(self.prefetched)))
+        last = next(reversed(self.prefetched))
+        if newest.priority == last.priority:
+            return newest.arrival < last.arrival
+        return newest.priority > last.priority
 
     def _first_in_line(self) -> Q | Claim[S, Q] | None:
         """Return the first of the entries that no lock or reservation in force keeps out."""

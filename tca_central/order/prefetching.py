@@ -49,15 +49,15 @@ class Prefetcher(Stored):
         if len(resource.slots) != 1 or not (resource.quick_runs >= QUICK_RUNS or self.trusts_all):
             return
         (slot,) = resource.slots
+        room = slot.prefetch - len(resource.prefetched)
         running = next(iter(slot.handling), None)
-        if running is None or running.is_task or running.nested:
+        if room <= 0 or running is None or running.is_task or running.nested:
             return
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
-        while (
-            len(resource.prefetched) < slot.prefetch
-            and (delivery := resource.next_to_prefetch()) is not None
-        ):
+        for _ in range(room):
+            if (delivery := resource.next_to_prefetch()) is None:
+                return
             if not _can_be_prefetched(delivery, resource):
                 return
             resource.mark_prefetched(delivery)
@@ -111,10 +111,11 @@ def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
     that may go to another resource, or have a pending limit or a wiretap on their delivery.
     """
     message = delivery.message
-    if delivery.is_task or delivery.role or any(tap.at & DELIVERED for tap in message.taps):
+    if delivery.is_task or delivery.role or len(delivery.body) > LARGEST:
         return False
-    is_alone = delivery.queues == (resource,) and message.name not in resource.limits
-    return is_alone and len(delivery.body) <= LARGEST
+    if message.taps and any(tap.at & DELIVERED for tap in message.taps):
+        return False
+    return delivery.queues == (resource,) and message.name not in resource.limits
 
 
 def is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:

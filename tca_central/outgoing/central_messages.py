@@ -65,16 +65,22 @@ def _targets(message: MessageType) -> list[ModuleResource]:
 
 def route_one_way(central: State, original: Delivery) -> None:
     """Route an inform to its handler, or a broadcast to all. Drop each copy without room."""
-    message = original.message
-    for_each = copies(central, original) if message.fans_out else [(original, None)]
+    if not original.message.fans_out:
+        _route_or_drop(central, original)
+        return
+    for_each = copies(central, original)
     for delivery, target in for_each:
-        targets = () if target is None else (target,)
-        if why := reason_to_refuse(central, message, delivery.body, *targets):
-            drop(central, delivery, why, Dropping.OVERLOAD)
-        else:
-            central.dispatcher.route(delivery, *targets)
+        _route_or_drop(central, delivery, target)
     if not for_each:
         central.facts.append(dropped_fact(original, "it has no handler"))
+
+
+def _route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
+    """Route a message (to *targets* only), or drop it if there is no room."""
+    if why := reason_to_refuse(central, delivery.message, delivery.body, *targets):
+        drop(central, delivery, why, Dropping.OVERLOAD)
+    else:
+        central.dispatcher.route(delivery, *targets)
 
 
 def reason_to_refuse(

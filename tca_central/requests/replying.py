@@ -24,6 +24,7 @@ from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 _LONGEST_TEXT = 200
 """Characters of each failure's text in the answer to a multi-query."""
 
+_RETURNED_WELL = RETURNED | SUCCESS
 _SMALL = 1000
 """A result of at most this number of bytes is accepted even if memory is full."""
 
@@ -67,8 +68,8 @@ def on_replies(
     for ended in header.ended:
         connection.next_began_at = connection.to_central_time(now, ended.ago + ended.took)
         reply, offset = body[offset : offset + ended.size], offset + ended.size
+        one = headers.Reply(ended.delivery, ended.took)
         try:
-            one = headers.Reply(ended.delivery, ended.took)
             _complete(central, connection, one, reply or NIL, ended.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
@@ -93,12 +94,13 @@ def _complete(
     delivery = _running_delivery(central, connection, number)
     if delivery is None:
         return
+    task = delivery if isinstance(delivery, Task) else None
     refused, now = delivery.refused, central.clock.now
     error = refused.text if refused.delivery == number and refused.number > header.refusals else ""
-    if error or (error := set_ending(central, delivery, header.transition)):
+    if error or (task is not None and (error := set_ending(central, task, header.transition))):
         on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, error), b"")
         return
-    if why := _why_not_stored(central, delivery, body):
+    if task is not None and (why := _why_not_stored(central, task, body)):
         text = f"its result is not taken: {why}"
         on_fail(central, connection, headers.Fail(number, OVERLOAD, text), b"")
         return
@@ -109,29 +111,28 @@ def _complete(
             Outcome.DONE,
             body,
             ended if ended < now else 0.0,
-            delivery.ending if isinstance(delivery, Task) else "",
+            task.ending if task is not None else "",
         )
     )
     central.dispatcher.complete(delivery, ended, header.took)
-    if not isinstance(delivery, Task):  # claims end first: what waited goes before the listeners
-        end_claims_of(central, delivery, "it has ended")
-    elif delivery.killed:
-        end_claims_of(central, delivery, "it was killed")
-    fire_after(central, delivery, RETURNED | SUCCESS)
-    if not isinstance(delivery, Task):
+    # Claims end first: what waited goes before the listeners.
+    if central.claimed_for and (task is None or task.killed):
+        end_claims_of(central, delivery, "it has ended" if task is None else "it was killed")
+    fire_after(central, delivery, _RETURNED_WELL)
+    if task is None:
         if delivery.message.message_class.has_reply:
             fire_after(central, delivery, REPLIED, body)
             _answer_query(central, delivery, Answer(delivery.number), body)
-    elif central.agenda.end_or_retry(delivery):
-        suspect_kept_claims(central, delivery)  # of a task to be retried: a killed one has none
+    elif central.agenda.end_or_retry(task):
+        suspect_kept_claims(central, task)  # of a task to be retried: a killed one has none
     else:
         # A result of None is stored as no bytes; for a task that has failed, as the bytes of None.
-        result = b"" if body == NIL and delivery.failure is None else body
-        central.tree.grow(delivery, held_size(result) - held_size(delivery.result))
-        delivery.result = result
-        central.agenda.mark_returned(delivery)
-        suspect_kept_claims(central, delivery)
-        fail_for_lost_locks(central, connection, delivery)
+        result = b"" if body == NIL and task.failure is None else body
+        central.tree.grow(task, held_size(result) - held_size(task.result))
+        task.result = result
+        central.agenda.mark_returned(task)
+        suspect_kept_claims(central, task)
+        fail_for_lost_locks(central, connection, task)
     pop_losses(connection, delivery)
 
 

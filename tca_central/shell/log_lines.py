@@ -79,9 +79,10 @@ class LogLines:
 
     def write(self, record: Record) -> None:
         """Log what the facts of a record report."""
+        writers = self._writers
         for fact in record.entry.facts:
-            if (writer := self._writers.get(type(fact))) is not None:
-                writer(fact, record)
+            if type(fact) in writers:
+                writers[type(fact)](fact, record)
         if record.failed:
             self._failed(record)
 

@@ -64,7 +64,7 @@ class Outboxes:
         box = self._boxes.get(connection)
         if box is None:
             self._boxes[connection] = box = Outbox()
-        size = sum(map(len, item))
+        size = len(item[0]) if len(item) == 1 else sum(map(len, item))
         box.add(item, size)
         self.held += size
         self._ready[connection] = box

@@ -75,16 +75,18 @@ _OPTIONS = (
     (zmq.TCP_KEEPALIVE_INTVL, 1),
 )
 
-_Tracked = Bye | Receipt | headers.UsesStore
 _BEAT = codec.pack_item(Beat())
+_TRACKED = Bye, Receipt, headers.UsesStore
 PULSE_PERIOD = 1.0  # seconds between heartbeats on pulses
 BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 TICK_PERIOD = 5.0  # without input, while a timer is set: a crash loses the time since the last one
 LOST_AFTER = 5
 """The number of unanswered heartbeats after which a process that stands still counts as lost."""
-PACKETS_PER_TURN = 64
-"""Few enough that one flooding sender can't starve the slots.
+EVENTS_PER_TURN = 64
+"""A turn ends after a packet with which it has at least so many events.
+
+Few enough that one flooding sender can't starve the slots.
 
 Slots get their next messages once a turn.
 """
@@ -227,7 +229,7 @@ class Daemon:
             self.log.add_input(_as_logged(event, events))
         handle = self.central.handle
         for index, one in enumerate(events):
-            if isinstance(one, RequestReceived) and isinstance(one.header, _Tracked):
+            if isinstance(one, RequestReceived) and isinstance(one.header, _TRACKED):
                 self._track(one.connection, one.header)
             try:
                 effects = handle(one)
@@ -235,7 +237,7 @@ class Daemon:
                 raise self._internal_error(one, error, index) from error
             self._perform(effects)
 
-    def _track(self, connection: ConnectionId, header: _Tracked) -> None:
+    def _track(self, connection: ConnectionId, header: Bye | Receipt | headers.UsesStore) -> None:
         """Note that a connection will close its sockets, has read bytes, or shares memory."""
         if isinstance(header, Bye):
             self._explained += self._count_sockets(connection)
@@ -266,13 +268,14 @@ class Daemon:
 
     def _perform(self, effects: list[Effect]) -> None:
         """Journal entries and queue messages; ``_flush`` writes and sends them."""
+        log, lines = self.log, self._lines
         for effect in effects:
             if isinstance(effect, Transmit):
                 self._enqueue(effect.connection, effect.header, effect.body)
                 continue
-            if self.log is not None:
-                self.log.add_entry(effect.entry)
-            self._lines.write(effect)
+            if log is not None:
+                log.add_entry(effect.entry)
+            lines.write(effect)
 
     def _run_due_work(self) -> None:
         """Handle losses, heartbeats and timers that are due."""
@@ -361,12 +364,14 @@ class Daemon:
 
         With *flags* 0 wait up to LIVELY milliseconds for the first one.
         """
-        receive, size, until = self.socket.recv, 0, 0.0
+        receive, size, until, central = self.socket.recv, 0, 0.0, self.central
+        last = central.event_count + EVENTS_PER_TURN
         # Reading EVENTS makes ZeroMQ notice other senders. Otherwise, while one sender has more,
         # ZeroMQ would notice the others only every hundred frames.
         self._has_arrived()
-        for count in range(PACKETS_PER_TURN):
-            if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
+        for count in range(EVENTS_PER_TURN):
+            is_over = size > BYTES_PER_TURN or central.event_count >= last
+            if is_over or (count == 1 and not self._has_arrived()):
                 break
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))

@@ -115,6 +115,7 @@ class ConnectionThread:
             self._opened.set_result(sender)
             if self._loop is not None:
                 with connection.locked():  # the loop keeps it alive, no other thread may
+                    connection.line.is_occupied = True
                     events.run_until(self._closing)
         finally:
             with self._lock:

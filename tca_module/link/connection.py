@@ -46,6 +46,7 @@ class Connection(Waits):
     """One connection to central."""
 
     has_sent_tasks = False
+    _has_warned = False  #: the log says that informs and broadcasts are lost
     crash = ""  #: the error that ends the program, for the goodbye; "" for a regular end
 
     def open(
@@ -174,12 +175,13 @@ class Connection(Waits):
             self.has_sent_tasks = True
             session, epoch = self.session, self.session.epoch
             self._wait_for_room()
-            self._catch_up_for(header, epoch)
+            self.line.begin_send()
+            self._check_numbers(header, epoch)
             body = self.line.stored(header, body)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
             request = session.send(header, body, what)
-            self.line.flush()
+            self.line.end_send(body)
             return TaskId(SentId(self, request))
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
@@ -191,7 +193,8 @@ class Connection(Waits):
         with self.locked():
             if self.session.is_welcome:
                 self._wait_for_room()
-            self._catch_up_for(header)
+            self.line.catch_up(is_sending=True)
+            self._check_numbers(header)
             request = self.session.send(header, self.line.stored(header, body), what)
             self.line.flush(0.0, is_patient=True)
             return request
@@ -231,6 +234,7 @@ class Connection(Waits):
             if self._lock.acquire(timeout=STEP):
                 try:
                     self.announce(request)
+                    self.line.flush(0.0, is_patient=True)
                     self.line.listen(STEP)
                 finally:
                     self._lock.release()
@@ -270,37 +274,43 @@ class Connection(Waits):
         once. Otherwise this waits up to a second until central accepts the packet.
         """
         with self.locked():
-            self._catch_up_for(header)
+            if is_awaited:
+                self.line.catch_up(is_sending=True)
+            else:
+                self.line.begin_send()
+            self._check_numbers(header)
             body = self.line.stored(header, body)
             if wants_answer and isinstance(header, headers.Send):
                 request = self.session.ask(header, body)
             else:
                 request = self.session.request(header, body, wants_answer=wants_answer)
-            self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
+            if is_awaited:
+                self.line.flush(0.0, is_patient=True)
+            else:
+                self.line.end_send(body)
             return request
 
-    def _catch_up_for(self, header: headers.ToCentral, epoch: str | None = None) -> None:
-        """Process arrived packets before a header is sent.
+    def _check_numbers(self, header: headers.ToCentral, epoch: str | None = None) -> None:
+        """Check a header that is about to be sent, after arrived packets were processed.
 
         Raises the error of an earlier send, or CentralLost if the header names tasks of an earlier
         central. *epoch*: that of the central that the header was written for; None: the present.
         """
         session = self.session
         epoch = session.epoch if epoch is None else epoch
-        self.line.catch_up(is_sending=True)
         numbers = numbers_in(header)
         if not (numbers or session.sends.failed) and epoch == session.epoch:
             return
         try:
             self._check_header(header, numbers, epoch)
         except BaseException:
-            self.line.flush(wait_seconds=0)
+            self.line.flush(wait_seconds=0, is_patient=True)
             raise
 
     def _check_header(
         self, header: headers.ToCentral, numbers: list[EpochNumber], epoch: str
     ) -> None:
-        """Raise what ``_catch_up_for`` does."""
+        """Raise what ``_check_numbers`` does."""
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         if not numbers:
@@ -352,12 +362,13 @@ class Connection(Waits):
         If central is not there, the message is lost, counted and logged.
         """
         with self.locked():
-            self._catch_up_for(header)
+            self.line.begin_send()
+            self._check_numbers(header)
             body = self.line.stored(header, body)
-            dropped = self.session.dropped
             self.session.post(header, body)
-            self.line.flush()
-            if self.session.dropped > dropped == 0:
+            self.line.end_send(body)
+            if self.session.dropped and not self._has_warned:
+                self._has_warned = True
                 self.log.warning(
                     "central at %s is not there: informs and broadcasts are lost",
                     self.transport.address,
@@ -465,6 +476,7 @@ class Connection(Waits):
     def drop(self) -> None:
         """Close without a goodbye: central counts unanswered deliveries as failed."""
         with self._lock:
+            self.session.outgoing.clear()
             self.transport.close()
             self.line.large.close()
 

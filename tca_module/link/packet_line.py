@@ -1,11 +1,13 @@
 """Exchanges packets with central. Each call has a bounded wait."""
 
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
 from tca_module.errors import CentralLost
 from tca_module.large.bodies import LargeBodies
+from tca_module.link.late_sends import late_sends
 from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.curve import key_problem
@@ -26,14 +28,29 @@ SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
 _PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a probe
 STALL = 2.0  # if a wait ends this many seconds too late, the whole process was stopped
+_MOST_HELD, _MOST_HELD_BYTES = 64, 16 << 10  # sends that wait to leave together
 
 
 class PacketLine:
     """Sends and receives the packets of one connection."""
 
-    def __init__(self, session: Session, transport: Transport, clock: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        session: Session,
+        transport: Transport,
+        clock: Callable[[], float],
+        lock: threading.RLock,
+    ) -> None:
+        """*lock*: the lock of the connection. Callers have it, except those of ``send_held``."""
         self.session = session
         self._transport = transport
+        self._lock = lock
+        #: Its thread keeps the lock beyond a call, so that no other thread could send.
+        self.is_occupied = False
+        self._send_at = math.inf  #: when another thread will call ``send_held``
+        self._hold_until = -math.inf  #: until then the line counts as busy after a send
+        self._is_busy = False  #: the present send may wait for others, to leave with them
+        self._held_bytes = 0  #: bytes of the bodies that wait
         #: the handlers' clock, in seconds; a stepped clock stands still
         self.handler_time = transport.time
         self.clock = clock
@@ -97,9 +114,11 @@ class PacketLine:
         connection. With *is_sending*, the caller flushes right after this.
         """
         self.listen_to_all()
-        due = self.session.send_due(self.clock(), since, quiet)
+        now = self.clock()
+        due = self.session.send_due(now, since, quiet)
         if not is_sending:
-            self.flush(wait_seconds=0)
+            # A send that waits to share a packet has as long as any other to leave.
+            self.flush(wait_seconds=0, is_patient=now < self._hold_until + SEND_WAIT)
         return due
 
     def listen_to_all(self) -> None:
@@ -165,12 +184,53 @@ class PacketLine:
         if self._transport.send(self._receipts.now(answers[: Limit.LIST]), 0.0):
             self._receipts.sent()
 
+    def begin_send(self) -> None:
+        """Prepare to send a header that nothing waits for; ``end_send`` comes next.
+
+        Such headers share packets. The first one after a millisecond leaves at once. Arrived
+        packets are processed as rarely as packets leave.
+        """
+        self._is_busy = not self.is_occupied and self.clock() < self._hold_until
+        if not self._is_busy:
+            self.catch_up(is_sending=True)
+
+    def end_send(self, body: bytes) -> None:
+        """Send the outgoing headers, or hold them back until the line is no longer busy."""
+        self._held_bytes += len(body)
+        if self._is_busy:
+            if len(self.session.outgoing) < _MOST_HELD and self._held_bytes < _MOST_HELD_BYTES:
+                self.hold(self._hold_until)
+                return
+            self.catch_up(is_sending=True)
+        self.flush()
+        self._hold_until = self.clock() + self._transport.hold_seconds
+
+    def hold(self, until: float) -> None:
+        """Have another thread send the outgoing headers if this one has not at the time *until*."""
+        if until < self._send_at:
+            self._send_at = until
+            late_sends().add(self, until - self.clock())
+
+    def send_held(self) -> bool:
+        """Send the outgoing headers, from another thread; return False if that is not possible."""
+        # Reset first, because a send first adds its header, and then calls ``hold``.
+        self._send_at = math.inf
+        if not self.session.outgoing:
+            return True
+        if not self._lock.acquire(blocking=False):
+            return False
+        try:
+            return self.flush(0.0, is_patient=True)
+        finally:
+            self._lock.release()
+
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
         """Send the session's outgoing headers; return whether they left.
 
         If they did not leave, the connection counts as broken, unless the caller *is_patient*.
         """
         if self.session.outgoing:
+            self._held_bytes = 0
             outgoing = self.session.pop_outgoing(self.handler_time)
             for sent, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):

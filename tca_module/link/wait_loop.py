@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
@@ -26,6 +27,7 @@ class WaitLoop:
     def __init__(self, line: PacketLine, lock: threading.RLock, patience: float) -> None:
         self._session = line.session
         self._turns = Turns(line, lock)
+        self._lock: Any = lock  # typeshed lacks the methods that release it as a condition does
         self._line = line
         self._clock = line.clock
         #: seconds of central's silence after which a wait raises CentralLost
@@ -145,10 +147,14 @@ class WaitLoop:
         elif self.callbacks and not self.is_calling_back:
             self.is_calling_back = True
             try:
-                with working_on(None):
+                with working_on(None), self.unlocked():
                     self.callbacks.popleft()()
             finally:
                 self.is_calling_back = False
+
+    def unlocked(self) -> "Unlocked":
+        """Return a block that runs a user's function, while other threads may send."""
+        return Unlocked(self._line, self._lock)
 
     def run_pending_calls(self) -> None:
         """Make all pending calls."""
@@ -169,7 +175,16 @@ class WaitLoop:
             until = min(deadline, max(until, now + STEP))
         return max(0.0, until - now)
 
-    def _wait(
+    def _wait(self, *arguments: Any, **options: Any) -> bool:
+        """Do what ``_wait_occupied`` does, and note that the thread keeps the lock for it."""
+        line = self._line
+        was_occupied, line.is_occupied = line.is_occupied, True
+        try:
+            return self._wait_occupied(*arguments, **options)
+        finally:
+            line.is_occupied = was_occupied
+
+    def _wait_occupied(
         self,
         is_over: Callable[[], bool],
         timeout: float | None,
@@ -229,7 +244,8 @@ class WaitLoop:
         if delivery is None and is_nested and self._check_next() and not session.is_claiming:
             delivery = session.prefetched.popleft()
         if delivery is not None:
-            handle(*delivery)
+            with self.unlocked():
+                handle(*delivery)
         return delivery is not None
 
     def _flush_within(self, left: float) -> bool:
@@ -265,3 +281,22 @@ class WaitLoop:
         if self._check_next():
             session = self._session
             self._turns.run(lambda: session.may_begin_next and not self.has_pending_call, handle)
+
+
+class Unlocked:
+    """A block in which a connection is not locked, although its thread has the lock around it."""
+
+    __slots__ = ("_line", "_lock", "_state", "_was_occupied")
+
+    def __init__(self, line: PacketLine, lock: Any) -> None:
+        self._line, self._lock = line, lock
+
+    def __enter__(self) -> None:
+        # The loop of coroutines calls users' functions, too, and may have no lock.
+        self._state = self._lock._release_save() if self._lock._is_owned() else None  # noqa: SLF001
+        self._was_occupied, self._line.is_occupied = self._line.is_occupied, False
+
+    def __exit__(self, *_: object) -> None:
+        if self._state is not None:
+            self._lock._acquire_restore(self._state)  # noqa: SLF001
+        self._line.is_occupied = self._was_occupied

@@ -124,7 +124,7 @@ class Waits(ThreadBound):
         #: sleeps until a time of the handlers' clock; also set by the event loop
         self.await_moment: Callable[[float], Awaitable[None]] | None = None
         self.now = clock  #: a monotonic clock, in seconds
-        self.line = PacketLine(session, transport, clock)
+        self.line = PacketLine(session, transport, clock, self._lock)
         self.wait_loop = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
@@ -154,16 +154,11 @@ class Waits(ThreadBound):
         self.check_thread()
         is_done = is_over or (lambda: request.is_over)
         with self._lock:
+            is_in_time = announced_wait is None and is_done()
             try:
-                if timeout != 0 and request.is_unannounced:
-                    self.announce(request)
-                is_observation = timeout != 0 and isinstance(request.header, Observe)
-                with announced_wait or AnnouncedWait(
-                    self, [request] * is_observation, timeout is not None and timeout < BRIEF
-                ) as wait:
-                    condition = wait.announcing(is_done)
-                    is_in_time = is_done() or self.wait_loop.wait_interruptibly(
-                        condition, timeout, what, request, since=since
+                if not is_in_time:
+                    is_in_time = self._wait_for_news(
+                        request, timeout, what, is_done, since, announced_wait
                     )
             except CentralLost as error:
                 self.abandon(request)
@@ -178,6 +173,27 @@ class Waits(ThreadBound):
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
             return is_in_time
+
+    def _wait_for_news(
+        self,
+        request: Request,
+        timeout: float | None,
+        what: object,
+        is_done: Callable[[], bool],
+        since: float | None,
+        announced_wait: AnnouncedWait | None,
+    ) -> bool:
+        """Announce a wait, and wait: see ``wait``."""
+        if timeout != 0 and request.is_unannounced:
+            self.announce(request)
+        is_observation = timeout != 0 and isinstance(request.header, Observe)
+        with announced_wait or AnnouncedWait(
+            self, [request] * is_observation, timeout is not None and timeout < BRIEF
+        ) as wait:
+            condition = wait.announcing(is_done)
+            return is_done() or self.wait_loop.wait_interruptibly(
+                condition, timeout, what, request, since=since
+            )
 
     def wait_in_coroutine(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
@@ -214,14 +230,14 @@ class Waits(ThreadBound):
         with self._lock:
             if not request.is_unannounced:
                 return
-            self.line.catch_up(is_sending=not blocking)
+            self.line.catch_up(is_sending=True)
             if request.is_unannounced:
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
-                # For coroutines, the event loop sends all their announcements together.
-                if blocking:
-                    self.line.flush()
+            # For coroutines, the event loop sends all their announcements together.
+            if blocking:
+                self.line.flush(0.0, is_patient=True)
 
     def abandon(self, request: Request) -> None:
         """Give up a request: its answer is no longer wanted."""

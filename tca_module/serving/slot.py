@@ -148,8 +148,10 @@ class Slot:
     def _idle(self, seconds: float) -> bool:
         """Call one callback, or wait for work; return False if only central can bring work."""
         callbacks = self.callbacks
-        if callbacks.call_one():
-            return True
+        if callbacks:
+            with self._connection.wait_loop.unlocked():
+                if callbacks.call_one():
+                    return True
         if self._loop is None and not callbacks:
             return False
         patience, files = callbacks.seconds_until_due(seconds), callbacks.files

@@ -85,7 +85,10 @@ class OpenDeliveries:
     @property
     def occupying(self) -> int:
         """The number of deliveries that keep the slot from other messages."""
-        return len(self._known) - sum(one.frees_slot for one in self.postponed.values())
+        number = len(self._known)
+        if self.postponed:
+            number -= sum(one.frees_slot for one in self.postponed.values())
+        return number
 
     def is_open(self, handler: OpenDelivery | None) -> bool:
         """Return whether a delivery is still open: neither answered nor forgotten by central."""
@@ -142,7 +145,7 @@ class OpenDeliveries:
     def remove(self, delivery: int) -> bool:
         """Remove a delivery that has been handled; return False if it is no longer open."""
         handler = self._find(delivery)
-        if not self.is_open(handler):
+        if handler is None or self._known.get(delivery) is not handler:
             return False
         del self._known[delivery]
         self.postponed.pop(delivery, None)

@@ -46,6 +46,9 @@ class Transport(Protocol):
     Packets may be lost when the connection breaks, but their order is kept.
     """
 
+    hold_seconds: float
+    """The seconds for which messages may wait for others, to share a packet."""
+
     @property
     def address(self) -> str:
         """Central's address, for people."""
@@ -216,6 +219,8 @@ def _context_of(_process: int) -> "zmq.Context[zmq.Socket[bytes]]":
 
 class DealerTransport:
     """A transport by a DEALER socket."""
+
+    hold_seconds = 0.001
 
     def __init__(self, address: str) -> None:
         self.address = address

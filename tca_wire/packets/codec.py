@@ -52,10 +52,9 @@ def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
 
 def pack_in_pieces(header: msgspec.Struct, body: bytes) -> list[bytes]:
     """Return the pieces of one item; a large body is not copied."""
-    if len(body) < _COPIED:
-        return [pack_item(header, body)]
     encoded = encode(header)
-    return [_LENGTHS.pack(len(encoded), len(body)) + encoded, body]
+    start = _LENGTHS.pack(len(encoded), len(body)) + encoded
+    return [start + body] if len(body) < _COPIED else [start, body]
 
 
 def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
@@ -78,7 +77,7 @@ def _packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[in
     before = size = entries = 0
     for header, body in items:
         item = pack_item(header, body)
-        more = entries_in(header) if len(item) > _SHORT else 0
+        more = entries_in(header) if len(item) - len(body) > _SHORT else 0
         if packed and (
             size + len(item) > _TOGETHER
             or len(packed) == _MOST_ITEMS
@@ -123,29 +122,30 @@ def unpacker(
         most_entries: the limit for entries in the lists of a packet's headers.
         most_bytes_together: the limit for the bytes of a packet with several items.
     """
-    decode = msgspec.msgpack.Decoder(kinds).decode
+    decode, read_lengths = msgspec.msgpack.Decoder(kinds).decode, _LENGTHS.unpack_from
 
     def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
         items: list[tuple[Any, bytes]] = []
-        at, size, entries = 0, len(packet), 0
+        at, size, entries, number = 0, len(packet), 0, 0
         if not 0 < size <= _LONGEST:
             msg = f"a packet of {size} bytes: 8 to {_LONGEST} are allowed"
             raise ProtocolError(msg)
+        most = most_items if size <= most_bytes_together else 1
         while at < size:
-            if at + 8 > size:
+            begin = at + 8
+            if begin > size:
                 msg = f"the packet ends inside the lengths of an item (byte {at} of {size})"
                 raise ProtocolError(msg)
-            header_length, body_length = _LENGTHS.unpack_from(packet, at)
-            header_end = at + 8 + header_length
-            begin, at = at + 8, header_end + body_length
+            header_length, body_length = read_lengths(packet, at)
+            header_end = begin + header_length
+            at = header_end + body_length
             if at > size:
                 raise ProtocolError(
                     f"an item claims {header_length} + {body_length} bytes,"
                     f" more than the packet's {size} bytes hold"
                 )
-            if header_length > _LONGEST_HEADER or (
-                items and (len(items) == most_items or size > most_bytes_together)
-            ):
+            number += 1
+            if header_length > _LONGEST_HEADER or number > most:
                 raise ProtocolError(
                     f"a packet of {size} bytes with a header of {header_length}:"
                     f" the limits are {most_items} items, together {most_bytes_together} bytes,"

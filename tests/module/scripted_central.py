@@ -33,6 +33,7 @@ class ScriptedCentral:
     """
 
     address = "ipc://scripted"
+    hold_seconds = 0.0
 
     def __init__(self, script: Script) -> None:
         self.script = script
@@ -40,6 +41,7 @@ class ScriptedCentral:
         self.received: list[ToCentral] = []
         self.packets: list[tuple[float, bytes]] = []
         self.is_present = True
+        self.sizes: list[int] = []  # the number of headers in each packet that was received
         self.room = -1  # packets that central still accepts; -1: any number
 
     def deliver(self, *headers: ToModule, at: float = 0.0) -> None:
@@ -57,7 +59,9 @@ class ScriptedCentral:
             self.now += wait_seconds
             return False
         assert len(packet) <= Limit.PACKET
-        for header, _ in unpack_to_central(packet):
+        items = unpack_to_central(packet)
+        self.sizes.append(len(items))
+        for header, _ in items:
             self.received.append(header)
             if answers := self.script(header):
                 self.deliver(*answers)
@@ -116,4 +120,5 @@ def scripted_connection(script: Script = accept_all) -> tuple[Connection, Script
     connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     connection.open()
     central.received.clear()
+    central.sizes.clear()
     return connection, central
