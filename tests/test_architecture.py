@@ -42,6 +42,7 @@ only that.
 ONLY_IN = {
     "zmq": {
         "tca_central/shell/authenticator.py",
+        "tca_central/shell/bound_socket.py",
         "tca_central/shell/door.py",
         "tca_central/shell/gate.py",
         "tca_central/shell/server.py",

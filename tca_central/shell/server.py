@@ -2,8 +2,8 @@
 
 A turn of the loop: read the packets that have arrived, handle them, journal the effects, send the
 messages. Messages of one turn to one connection leave in one packet. Packets for a connection that
-accepts no more wait in its outbox, up to a bound. Apart from this file only door.py and
-authenticator.py use central's sockets.
+accepts no more wait in its outbox, up to a bound. Apart from this file only bound_socket.py,
+door.py and authenticator.py use central's sockets.
 """
 
 import contextlib
@@ -38,6 +38,7 @@ from tca_central.events import (
 from tca_central.inputs import events_of
 from tca_central.model.budget import MEMORY, TAP_DEPTH, TASK_DEPTH
 from tca_central.shell.address_lock import lock_address
+from tca_central.shell.bound_socket import LIVELY, bind, socket_in
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.large_bodies import LargeBodies
@@ -49,31 +50,13 @@ from tca_central.shell.store import Store
 from tca_wire.packets import codec, headers
 from tca_wire.packets.headers import Beat, Bye, Closing, Receipt, Refused, ToModule, Unknown
 from tca_wire.packets.large import LARGE
-from tca_wire.vocabulary import Limit, Refusal
+from tca_wire.vocabulary import Refusal
 
 log = logging.getLogger("tca.central")
 
 # As plain integers: combining pyzmq's enum members costs a microsecond each time.
 _EVENTS, _POLLIN, _RCVMORE = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.RCVMORE)
 _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
-
-LIVELY = 20
-"""The time after a packet (ms) within which another one is likely."""
-
-_OPTIONS = (
-    (zmq.ROUTER_MANDATORY, 1),
-    (zmq.SNDHWM, 1000),
-    (zmq.RCVHWM, 16),
-    (zmq.RCVTIMEO, LIVELY),
-    (zmq.MAXMSGSIZE, int(Limit.PACKET)),
-    (zmq.LINGER, 1000),
-    (zmq.HANDSHAKE_IVL, 2000),
-    # No HEARTBEAT_IVL: docs/decisions/0063-the-pulse-of-a-process.md
-    (zmq.TCP_MAXRT, 5000),  # milliseconds that the far end may acknowledge nothing
-    (zmq.TCP_KEEPALIVE, 1),  # so that there is always something to acknowledge
-    (zmq.TCP_KEEPALIVE_IDLE, 1),  # seconds
-    (zmq.TCP_KEEPALIVE_INTVL, 1),
-)
 
 _BEAT = codec.pack_item(Beat())
 _TRACKED = Bye, Receipt, headers.UsesStore
@@ -552,22 +535,13 @@ class Daemon:
 
     def _bind(self, endpoint: str) -> tuple[zmq.Socket[bytes], Door]:
         """Return the bound socket and its open door. Raises CentralError."""
-        socket = self._context.socket(zmq.ROUTER)
-        for option, value in _OPTIONS:
-            socket.setsockopt(option, value)
+        socket = socket_in(self._context)
         door = Door(socket, self._count_closed)
         try:
-            self._gate.open(self._context, socket)
-            socket.bind(endpoint)
-        except (zmq.ZMQError, CentralError) as error:
-            self._gate.close()
-            self._context.destroy()
+            bind(socket, endpoint, self._context, self._gate)
+        except CentralError:
             self._close_wakers()
-            if isinstance(error, CentralError):
-                raise
-            reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
-            msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
-            raise CentralError(msg) from None
+            raise
         door.open()
         return socket, door
 
