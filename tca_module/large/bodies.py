@@ -8,7 +8,7 @@ from tca_module.errors import Refused
 from tca_module.large.opening import opened
 from tca_module.large.pool import Lease, Pool, join_pool, leave_pool
 from tca_wire.errors import BadData
-from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, inline
+from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, detached, inline
 from tca_wire.packets.headers import Welcome
 from tca_wire.packets.large import MARK
 from tca_wire.vocabulary import Limit, Refusal
@@ -44,17 +44,22 @@ class LargeBodies:
             pass
         return self._pool is not None
 
-    def store(self, body: bytes, what: object) -> bytes:
+    def store(self, body: bytes, what: object, *, is_away: bool = False) -> bytes:
         """Return a body that can be sent: large data are copied into a segment.
 
-        *what* names the message in errors. Raises Refused if shared memory is full, and BadData if
-        the data are too large for a connection without shared memory, or gone.
+        If central *is_away*, they are copied to the memory of this process, until ``restore``: a
+        message that is given up then leaves no segment. *what* names the message in errors.
+
+        Raises Refused if shared memory is full, and BadData if the data are gone, or too large for
+        a connection without shared memory.
         """
         if body[:1] != MARK or self._is_stored(body):
             return body
         data = body if isinstance(body, LargeData) else copy_of(body)
         if self._pool is None:
             return _inline(data, what)
+        if is_away:
+            return detached(data)
         try:
             return self._pool.store(data, self)
         except OSError as error:

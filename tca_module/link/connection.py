@@ -364,7 +364,8 @@ class Connection(Waits):
         with self.locked():
             self.line.begin_send()
             self._check_numbers(header)
-            body = self.line.stored(header, body)
+            if self.session.is_welcome:  # else the message is lost
+                body = self.line.stored(header, body)
             self.session.post(header, body)
             self.line.end_send(body)
             if self.session.dropped and not self._has_warned:
@@ -377,7 +378,8 @@ class Connection(Waits):
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """Send the outcome of a handler. Its large data were stored when they were encoded."""
         with self._lock:
-            body = self.line.large.restore(body)
+            if self.session.is_welcome:
+                body = self.line.large.restore(body)
             if not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
 
@@ -386,7 +388,7 @@ class Connection(Waits):
 
         Works from any thread. *what* names the message in errors. Raises BadData or Refused.
         """
-        return self.line.large.store(body, what)
+        return self.line.large.store(body, what, is_away=not self.session.is_welcome)
 
     def opened(self, body: bytes) -> bytes:
         """Return a body that came inside of another one; a large one with its memory."""

@@ -9,6 +9,7 @@ from tca_module.errors import CentralLost
 from tca_module.large.bodies import LargeBodies
 from tca_module.link.late_sends import late_sends
 from tca_module.log import log_of
+from tca_module.session.request import check_fields
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.curve import key_problem
 from tca_module.sockets.transport import (
@@ -173,8 +174,10 @@ class PacketLine:
         """Return a body that can be sent with a header, see ``LargeBodies.store``."""
         if body[:1] != MARK:
             return body
+        check_fields(header)  # a refused header must leave no segment
         name = getattr(header, "message", "") or getattr(header, "variable", "")
-        return self.large.store(body, f"'{name}'" if name else "the message")
+        what = f"'{name}'" if name else "the message"
+        return self.large.store(body, what, is_away=not self.session.is_welcome)
 
     def acknowledge(self, answers: list[int]) -> None:
         """Report what was read, so that central no longer holds the large data in it.

@@ -24,6 +24,7 @@ from tca_wire.packets.large import (
 from tca_wire.vocabulary import Limit
 
 _WHOLE = 3  # MessagePack extension type: [offset, size] of the part with the encoded value
+_NOWHERE = "0/0"  # the name of a segment that never exists
 _LONGEST_REFERENCE = 32  # bytes; a reference to the whole value is shorter
 
 
@@ -113,6 +114,15 @@ class OpenedBody(LargeBody):
 
     def __reduce__(self) -> Any:
         return bytes, (bytes(self) if self.content is None else copy_of(self).inline(),)
+
+
+def detached(data: LargeData) -> OpenedBody:
+    """Return a body with a copy of the data in this process, to be stored later."""
+    content = memoryview(bytearray(data.size))
+    data.write(content)
+    body = OpenedBody(data.body(_NOWHERE))
+    body.content = content
+    return body
 
 
 def copy_of(body: bytes) -> LargeData:

@@ -17,10 +17,13 @@ from tca_module import (
     Command,
     Failure,
     Inform,
+    MisuseError,
     Module,
+    NotSent,
     Query,
     Task,
     TaskFailed,
+    Timeout,
     Variable,
     connect,
 )
@@ -30,7 +33,7 @@ from tca_wire.text.bodies import plain_data
 
 pytestmark = pytest.mark.slow
 
-SOON = 5.0
+SOON = 20.0
 Image = NDArray[np.uint8]
 SIZES = pytest.mark.parametrize("size", [100 << 10, 1 << 20, 6_000_000])
 
@@ -171,7 +174,9 @@ def test_task_carries_large_data(running: Central, user: Client, size: int) -> N
 
     with arm.running():
         sent = user.command(GRIP, image(5, size), keep=True)
-        assert [is_image(one, at, size) for at, one in enumerate(sent.progress())] == [True] * 3
+        seen = list(sent.progress())  # the first ones may be missed
+        assert is_image(seen[-1], 2, size)
+        assert all(is_image(one, int(one[0]), size) for one in seen)
         assert is_image(sent.result(SOON), 5, size)
         assert is_image(sent.data(GRIP), 5, size), "of a retained task"
         sent.release()
@@ -269,6 +274,33 @@ def test_data_sent_while_central_is_away_arrive(tmp_path: Path) -> None:
                 replies.append(asked.receive(SOON))
                 assert is_image(replies[0], 2, 1 << 20)
                 assert store_of(user) != first
+
+
+def test_messages_while_central_is_away_use_no_memory(tmp_path: Path) -> None:
+    with central(tmp_path) as running:
+        user = connect("user", running.address, 60)
+        user.inform(PICTURE, image(0, 10))  # declares it
+        with pytest.raises(Timeout):
+            user.query(ECHO, image(0, 10), timeout=0.1)
+        store = store_of(user)
+        running.kill()
+        for value in range(20):
+            user.inform(PICTURE, image(value, 1 << 20))
+        with pytest.raises(Timeout):
+            user.query(ECHO, image(1, 1 << 20), timeout=0.1)
+        assert len(list(store.glob("*/*"))) <= 1
+        asked = user.query_send(ECHO, image(2, 1 << 20))
+        with central(tmp_path, bind=running.address):
+            eyes = Module("eyes", running.address)
+            eyes.handles(ECHO)(lambda _, found: found)
+            with eyes.running():
+                assert is_image(asked.receive(SOON), 2, 1 << 20)
+            options: dict[str, Any] = {"priority": "high"}
+            with pytest.raises(MisuseError):
+                user.query(ECHO, image(1, 1 << 20), **options)
+            until_free(user)
+            with pytest.raises(NotSent):
+                user.close()
 
 
 WATCHER = """

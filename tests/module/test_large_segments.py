@@ -510,7 +510,9 @@ def test_central_in_the_process_carries_large_data(
         assert not image.flags.writeable
         assert user.query(MEAN, image) == 3
         focused = user.command(FOCUS, array(0))
-        assert [int(one[-1]) for one in focused.progress()] == [1, 2]
+        seen = list(focused.progress())  # the first one may be missed
+        assert np.array_equal(seen[-1], array(2))
+        assert all(np.all(one == one[0]) for one in seen)
         assert np.array_equal(focused.result(5), array(2))
         with pytest.raises(TaskFailed, match="blurred") as failed:
             user.command(FOCUS, array(1)).result(5)
