@@ -200,9 +200,11 @@ class Store:
         """
         path = f"{self._folder}/{name}"
         for state in (NEW, FREE):
-            with contextlib.suppress(OSError):
+            try:
                 os.rename(path + state, path)  # noqa: PTH104 - three times as fast
-                return
+            except OSError:
+                continue
+            return
 
     def _keep(self, name: str, keep: int) -> None:
         """Copy a segment to the disk, if *keep* says so. The copy counts as a body."""
@@ -223,7 +225,7 @@ class Store:
             return
         for name, keep in self._count_ended():
             if self.folder is not None:
-                if self._kept is not None:
+                if keep and self._kept is not None:
                     self._kept.release(name, Keep(keep))
                 self._release(name, modules)
 
@@ -248,11 +250,13 @@ class Store:
     def _release(self, name: str, modules: Container[str]) -> None:
         """Give a segment back to its module, or remove it if the module has left."""
         path, incarnation = f"{self._folder}/{name}", name.partition("/")[0]
-        with contextlib.suppress(OSError):  # the sender named a segment that does not exist
+        try:
             if incarnation in modules and incarnation != OWN:
                 os.rename(path, path + FREE)  # noqa: PTH104 - three times as fast
             else:
                 Path(path).unlink()
+        except OSError:  # the sender named a segment that does not exist
+            return
 
     def sweep(self, modules: Container[str]) -> None:
         """Remove what modules have left behind. Release segments of requests that were lost."""

@@ -3,7 +3,6 @@
 import math
 import threading
 from collections.abc import Callable
-from typing import Any
 
 from tca_module.errors import CentralLost
 from tca_module.large.bodies import LargeBodies
@@ -21,7 +20,7 @@ from tca_module.sockets.transport import (
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
-from tca_wire.packets.headers import Answer, ToCentral, UsesStore, Welcome
+from tca_wire.packets.headers import Answer, ToCentral, ToModule, UsesStore, Welcome
 from tca_wire.packets.large import MARK
 from tca_wire.vocabulary import Limit
 
@@ -30,6 +29,7 @@ STEP = 0.2  # seconds that a wait listens at a time while central is not there
 _PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a probe
 STALL = 2.0  # if a wait ends this many seconds too late, the whole process was stopped
 _MOST_HELD, _MOST_HELD_BYTES = 64, 16 << 10  # sends that wait to leave together
+_ACKNOWLEDGED_WITHIN = 0.02  # seconds; usually the next send takes the receipt along
 
 
 class PacketLine:
@@ -141,14 +141,13 @@ class PacketLine:
     def _process(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
-        now, session, large = self.clock(), self.session, list[Any]()
+        now, session = self.clock(), self.session
         if self._owes_answer(now):
             self._last_silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):
                 if body[:1] == MARK:
-                    large.append(header)
-                    body = self.large.opened(body)  # noqa: PLW2901
+                    body = self._opened(header, body)  # noqa: PLW2901
                 session.receive(header, body, now)
                 if header.__class__ is Welcome:
                     self._on_welcome(header)
@@ -156,11 +155,15 @@ class PacketLine:
             self._log.warning(
                 "central at %s sent an invalid packet: %s", self._transport.address, error
             )
-        if large:
-            self.acknowledge([one.number for one in large if isinstance(one, Answer)])
         self.large.tidy()
         while session.complaints:
             self._log.warning("%s", session.complaints.pop(0))
+
+    def _opened(self, header: ToModule, body: bytes) -> bytes:
+        """Return a large body with its memory."""
+        if isinstance(header, Answer):
+            self.acknowledge([header.number])
+        return self.large.opened(body)
 
     def _on_welcome(self, header: Welcome) -> None:
         """Use the store of the central, which may be another one than before."""
@@ -184,8 +187,8 @@ class PacketLine:
 
         *answers*: the requests that are answered.
         """
-        if self._transport.send(self._receipts.now(answers[: Limit.LIST]), 0.0):
-            self._receipts.sent()
+        self.session.outgoing.append((self._receipts.now(answers[: Limit.LIST]), b""))
+        self.hold(self.clock() + _ACKNOWLEDGED_WITHIN)
 
     def begin_send(self) -> None:
         """Prepare to send a header that nothing waits for; ``end_send`` comes next.

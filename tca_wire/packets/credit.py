@@ -25,9 +25,14 @@ class Receipts:
             self._read += len(packet)
         return pack_item(Receipt(self._read)) if self._read >= REPORTED_AFTER else b""
 
-    def now(self, answers: list[int]) -> bytes:
-        """Return a receipt for all that has been read, with *answers* that had large data."""
-        return pack_item(Receipt(self._read, answers))
+    def now(self, answers: list[int]) -> Receipt:
+        """Return a receipt for all that has been read, with *answers* that had large data.
+
+        It counts as sent.
+        """
+        receipt = Receipt(self._read, answers)
+        self.sent()
+        return receipt
 
     def sent(self) -> None:
         """Reset the count: the receipt was sent."""
