@@ -25,6 +25,7 @@ from tca_wire.vocabulary import Limit
 
 _WHOLE = 3  # MessagePack extension type: [offset, size] of the part with the encoded value
 _NOWHERE = "0/0"  # the name of a segment that never exists
+_decode_place = msgspec.msgpack.Decoder(tuple[int, int]).decode
 _LONGEST_REFERENCE = 32  # bytes; a reference to the whole value is shorter
 
 
@@ -197,4 +198,4 @@ def _whole(data: bytes) -> tuple[int, int] | None:
     reference = msgspec.msgpack.decode(data)
     if not isinstance(reference, msgspec.msgpack.Ext) or reference.code != _WHOLE:
         return None
-    return msgspec.msgpack.decode(reference.data, type=tuple[int, int])
+    return _decode_place(reference.data)
