@@ -210,8 +210,7 @@ class Central(State):
                 sending.record_refusal(self, header, error.text)
             self._refuse(event.connection, number, error.refusal, error.text)
         self._process_all()
-        module, at = _as_cause(connection)
-        cause = causes.Request(module, at, number, kind.name, self.origin)
+        cause = causes.Request(*_as_cause(connection), number, kind.name, self.origin)
         self._report(effects, event.time, cause)
         self.origin = 0
 

@@ -48,7 +48,7 @@ from tca_wire.rules import FAILURE, RETURNED
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
-MOST_AHEAD = 128
+MOST_AHEAD = 256
 """The greatest number of messages that a slot may prefetch, even if it asks for more."""
 MOST_LATE = MOST_AHEAD + 8
 """Deliveries of a lost connection whose late answers central recognises.

@@ -66,7 +66,7 @@ SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 TICK_PERIOD = 5.0  # without input, while a timer is set: a crash loses the time since the last one
 LOST_AFTER = 5
 """The number of unanswered heartbeats after which a process that stands still counts as lost."""
-EVENTS_PER_TURN = 64
+EVENTS_PER_TURN = 128
 """A turn ends after a packet with which it has at least so many events.
 
 Few enough that one flooding sender can't starve the slots.

@@ -9,7 +9,7 @@ import threading
 import time
 from typing import Protocol
 
-_RETRY_AFTER = 0.02  # seconds until a send that was not possible is tried again
+_RETRY_AFTER = 0.005  # seconds until a send that was not possible is tried again
 _IDLE_SECONDS = 1.0  # seconds without work after which the thread ends
 
 

@@ -226,7 +226,12 @@ class PacketLine:
         if not self._lock.acquire(blocking=False):
             return False
         try:
-            return self.flush(0.0, is_patient=True)
+            has_left = self.flush(0.0, is_patient=True)
+            if self._transport.hold_seconds:
+                # ZeroMQ's file signals changes only, and the send may have consumed one. So a loop
+                # of coroutines that waits for the file must look again.
+                self._transport.wake()
+            return has_left
         finally:
             self._lock.release()
 

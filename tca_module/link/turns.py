@@ -12,8 +12,8 @@ from tca_module.session.session import PREFETCH
 from tca_wire.packets.headers import Deliver
 
 TURN_SECONDS = 0.001  # seconds after which a turn starts no further message
-# Half of what a slot may prefetch: central answers one half while the slot handles the other.
-TURN_MESSAGES = PREFETCH // 2
+# A quarter of what a slot may prefetch: central refills it while the slot handles the others.
+TURN_MESSAGES = PREFETCH // 4
 _REPLY_WITHIN = 0.02  # seconds that a reply may wait for a slow handler
 
 

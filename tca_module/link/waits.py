@@ -330,6 +330,11 @@ class Waits(ThreadBound):
 
     # --- without waiting --------------------------------------------------------------------------
 
+    def has_arrived(self) -> bool:
+        """Return whether a packet has arrived, or ``wake`` was called since the last call."""
+        with self._lock:
+            return self.transport.has_arrived()
+
     def catch_up(self) -> None:
         """Process arrived packets. Never waits."""
         with self.locked():

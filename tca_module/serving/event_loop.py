@@ -175,7 +175,7 @@ class EventLoop:
         """
         connection = self._connection
         return (
-            connection.transport.has_arrived()
+            connection.has_arrived()
             or connection.wait_loop.has_pending_call
             or any(map(connection.session.open_deliveries.wake_reason, self._tasks))
             or bool(connection.session.deliveries and not self._is_closing)

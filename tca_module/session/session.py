@@ -44,7 +44,7 @@ QUIET = 2.5  # seconds of silence after which a connection that waits for centra
 IDLE = 45.0  # the same for an idle connection; central sends it a heartbeat every 30 seconds
 REPEAT = 1.0  # seconds between two probes
 CONFIRM_EVERY = 100  # unconfirmed statements after which central is probed
-PREFETCH = 128  # messages that a slot may prefetch
+PREFETCH = 256  # messages that a slot may prefetch
 UNBROKEN = 0.05  # seconds within which no broken line comes back
 # replies to repeat after a break; a later delivery shows that older replies have arrived
 _REPLIES_RETAINED = PREFETCH + 8

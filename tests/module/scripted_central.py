@@ -42,6 +42,7 @@ class ScriptedCentral:
         self.packets: list[tuple[float, bytes]] = []
         self.is_present = True
         self.sizes: list[int] = []  # the number of headers in each packet that was received
+        self.woken = 0  # how often ``wake`` was called
         self.room = -1  # packets that central still accepts; -1: any number
 
     def deliver(self, *headers: ToModule, at: float = 0.0) -> None:
@@ -95,7 +96,7 @@ class ScriptedCentral:
         raise AssertionError
 
     def wake(self) -> None:
-        pass
+        self.woken += 1
 
     def close(self) -> None:
         pass

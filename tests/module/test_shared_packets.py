@@ -1,5 +1,7 @@
 """Sends that wait for nothing share packets while the line is busy. Here time stands still."""
 
+import threading
+
 from module.scripted_central import ScriptedCentral, scripted_connection
 
 from tca_module.link.connection import Connection
@@ -133,3 +135,22 @@ def test_waiting_informs_outlast_a_central_that_is_busy() -> None:
     connection.catch_up()
     assert central.sizes == [1, 3]
     assert connection.session.dropped == 0
+
+
+def test_other_thread_sends_what_waits_and_wakes_the_loop() -> None:
+    connection, central = busy_connection()
+    connection.post(NOTE, BODY)
+    assert connection.line.send_held()
+    assert central.sizes == [1, 1]
+    assert central.woken  # ZeroMQ's file may not show any more what has arrived
+
+
+def test_other_thread_does_not_wait_for_a_connection_in_use() -> None:
+    connection, central = busy_connection()
+    connection.post(NOTE, BODY)
+    sent = []
+    with connection.locked():
+        other = threading.Thread(target=lambda: sent.append(connection.line.send_held()))
+        other.start()
+        other.join()
+    assert (sent, central.sizes) == ([False], [1])
