@@ -68,7 +68,7 @@ def _image(array: ArrayInfo) -> dict[str, Any] | None:
             pass
         case _:
             return None
-    if array.content is None or not 0 < height * width * channels == array["bytes"]:
+    if array.content is None or width <= 0 or not 0 < height * width * channels == array["bytes"]:
         return None
     return {
         "width": width,
