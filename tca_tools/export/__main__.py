@@ -8,6 +8,7 @@ from typing import BinaryIO, NamedTuple
 import click
 
 from tca_tools.errors import ToolError, extra
+from tca_tools.export.images import data_folder
 from tca_tools.export.tables import TABLES, Table, write_csv
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import Log, open_log
@@ -50,7 +51,7 @@ def _mcap(journal: Log, output: Path) -> None:
     # The second reading stops at the same entry, although a live run may have more entries by now.
     same_entries = islice(Log(journal.path), next(number))
     with new_file(output) as stream:
-        write_mcap(run, same_entries, stream)
+        write_mcap(run, same_entries, stream, data_folder(journal.path, run.epoch))
 
 
 def _json_lines(journal: Log, output: Path) -> None:

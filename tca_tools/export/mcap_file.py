@@ -6,11 +6,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import count
 from operator import itemgetter
+from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import msgspec
 from mcap.writer import Writer
 
+from tca_tools.export.images import RAW_IMAGE, TIME, images_in, with_kept_data
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.journal.at_time import TaskAt
@@ -27,6 +29,7 @@ from tca_wire.text.measures import run_time
 from tca_wire.vocabulary import Outcome
 
 _SECOND = 1_000_000_000
+_IMAGES = "/images"
 _INFO, _WARNING, _ERROR = 2, 3, 4
 """Levels of Foxglove's log."""
 _LEVELS = dict.fromkeys(BAD_NEWS, _WARNING) | {"failed": _ERROR}
@@ -34,7 +37,6 @@ _LEVELS = dict.fromkeys(BAD_NEWS, _WARNING) | {"failed": _ERROR}
 _TEXT, _INT, _NUMBER, _FLAG = (
     {"type": kind} for kind in ("string", "integer", "number", "boolean")
 )
-_TIME = object_schema("time", sec=_INT, nsec=_INT)
 _CAUSE = object_schema(
     "cause",
     kind=_TEXT,
@@ -61,7 +63,7 @@ _SCHEMAS = {
     "/tca/resources": object_schema("tca.Resource", resource=_TEXT, running=_INT, queued=_INT),
     "/tca/log": object_schema(
         "foxglove.Log",
-        timestamp=_TIME,
+        timestamp=TIME,
         level=_INT,
         message=_TEXT,
         name=_TEXT,
@@ -73,7 +75,10 @@ _SCHEMAS = {
 
 
 class TopicMessage(NamedTuple):
-    """A message on a topic; *about* is the name of the robot's message, or ""."""
+    """A message on a topic; *about* is the name of the robot's message, or "".
+
+    The name of an image's field follows the name of its message.
+    """
 
     time: int
     topic: str
@@ -81,12 +86,21 @@ class TopicMessage(NamedTuple):
     content: dict[str, Any]
 
 
-def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
-    """Write a run as MCAP; *entries* are the entries from which *run* was built."""
+def write_mcap(
+    run: Run, entries: Iterable[Entry], stream: BinaryIO, kept: Path | None = None
+) -> None:
+    """Write a run as MCAP.
+
+    Args:
+        run: The run.
+        entries: The entries from which the run was built.
+        stream: The file.
+        kept: The folder with its large data; without it they are described.
+    """
     writer = _Topics(run, stream)
     nanoseconds = Nanoseconds(run)
     streams = (
-        _from_entries(run, entries, nanoseconds),
+        _from_entries(run, entries, nanoseconds, kept),
         _states(run, nanoseconds),
         _resources(run, nanoseconds),
     )
@@ -99,9 +113,9 @@ def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
 
 
 def _from_entries(
-    run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds
+    run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds, kept: Path | None
 ) -> Iterator[TopicMessage]:
-    """Yield the lines of the log, facts, messages and results."""
+    """Yield the lines of the log, facts, messages, results and images."""
     wording, began, place_in_run, time = Wording(), since_1970(run), -1, 0
     for entry in entries:
         if place_in_run < 0 or entry.number != run.numbers[place_in_run]:
@@ -114,41 +128,48 @@ def _from_entries(
                 level = _WARNING
             yield _logged(time, began, level, f"{kind}: {wording.words(fact)}", entry.number)
             yield TopicMessage(time, "/tca/facts", "", fact_row(entry, fact))
-            if message := _data_of(run, fact, time):
-                yield message
+            yield from _data_of(run, fact, time, kept)
     if run.is_live and run.times:  # the file ends at this time
         text = f"still running: nothing has happened since {run_time(run.times[-1])}"
         yield _logged(max(nanoseconds(run.time), time), began, _INFO, text, run.numbers[-1])
 
 
-def _data_of(run: Run, fact: facts.Fact, time: int) -> TopicMessage | None:
-    """Return the data of a sent message, a result or an intermediate result; None for others."""
+def _data_of(run: Run, fact: facts.Fact, time: int, kept: Path | None) -> Iterator[TopicMessage]:
+    """Yield a sent message, a result or an intermediate result with its data, then its images."""
     if isinstance(fact, facts.Received):
-        content = {
+        topic, name = "/messages", fact.message
+        content: dict[str, Any] = {
             "id": fact.id,
             "sender": fact.sender,
             "parent": fact.parent,
             "origin": fact.origin,
         }
-        return TopicMessage(time, "/messages", fact.message, content | _data(fact.body))
-    if isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
-        topic, number, message = "/results", fact.id, run.delivered(fact.id)
-    elif isinstance(fact, facts.StateChanged) and (task := run.tasks.get(fact.task)):
-        is_result = effect_of(run, task, fact.transition, fact.state) is Effect.RESULT
-        topic, number, message = "/progress", fact.task, task if is_result else None
     else:
-        return None
-    data = _data(fact.body)
-    if not message or not data:
-        return None
-    return TopicMessage(time, topic, message.name, {"id": number} | data)
+        if isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
+            topic, number, message = "/results", fact.id, run.delivered(fact.id)
+        elif isinstance(fact, facts.StateChanged) and (task := run.tasks.get(fact.task)):
+            is_result = effect_of(run, task, fact.transition, fact.state) is Effect.RESULT
+            topic, number, message = "/progress", fact.task, task if is_result else None
+        else:
+            return
+        if not message:
+            return
+        name, content = message.name, {"id": number}
+    data = plain_data(with_kept_data(fact.body, kept) if kept else fact.body)
+    if data is not None:
+        content["data"] = _without_none(data)
+    elif topic != "/messages":
+        return
+    yield TopicMessage(time, topic, name, content)
+    for where, image in images_in(data, name):
+        image["timestamp"] = _timestamp(time + since_1970(run))
+        yield TopicMessage(time, f"{_IMAGES}{topic}", where, image)
 
 
 def _logged(time: int, began: int, level: int, text: str, number: int) -> TopicMessage:
     """Return a line of Foxglove's log; *number* is the number of its entry."""
-    timestamp = {"sec": (time + began) // _SECOND, "nsec": (time + began) % _SECOND}
     line = {
-        "timestamp": timestamp,
+        "timestamp": _timestamp(time + began),
         "level": level,
         "message": text,
         "name": "tca",
@@ -158,14 +179,13 @@ def _logged(time: int, began: int, level: int, text: str, number: int) -> TopicM
     return TopicMessage(time, "/tca/log", "", line)
 
 
+def _timestamp(time: int) -> dict[str, int]:
+    return {"sec": time // _SECOND, "nsec": time % _SECOND}
+
+
 def _is_handled(run: Run, fact: facts.Failed, time: float) -> bool:
     failed = run.delivered(fact.id)
     return failed is not None and run_continued(run, failed, time)
-
-
-def _data(body: bytes) -> dict[str, Any]:
-    data = _without_none(plain_data(body))
-    return {} if data is None else {"data": data}
 
 
 def _without_none(value: Any) -> Any:
@@ -255,6 +275,8 @@ class _Topics:
 
     def _schema_about(self, topic: str, about: str) -> Schema:
         """Return the schema of a message's data or result, from its declaration."""
+        if topic.startswith(_IMAGES):
+            return RAW_IMAGE
         known = self._run.formats.get(about)
         if topic == "/progress":
             return object_schema(f"{about} (progress)", id=_INT)

@@ -81,9 +81,10 @@ class _Plain:
                     "type": "object",
                     "properties": {name: part for name, part in parts.items() if part},
                 }
-            case {"type": "array", "format": "numpy"}:  # its data have dtype and shape only
-                shape = {"type": "array", "items": {"type": "integer"}}
-                plain = object_schema("array", dtype={"type": "string"}, shape=shape)
+            case {"type": "array", "format": "numpy"}:  # its data are an ArrayInfo
+                whole = {"type": "integer"}
+                shape = {"type": "array", "items": whole}
+                plain = object_schema("array", dtype={"type": "string"}, shape=shape, bytes=whole)
             case {"type": "array"}:
                 plain = self._array(schema, within)
             case {"type": "string", "contentEncoding": _}:  # the data of bytes are an object

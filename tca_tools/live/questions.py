@@ -193,10 +193,16 @@ def variables(client: Client) -> tuple[Any, str]:
     known = sorted(client.status("variables"), key=lambda variable: str(variable["variable"]))
     rows = []
     for variable in known:
-        variable["value"] = _plain(variable["value"])
+        value = _decoded(variable["value"])
+        variable["value"] = plain(value)
         watched_by = _names(variable["watched_by"])
         rows.append(
-            [variable["variable"], _shown_value(variable), variable["set_by"] or "-", watched_by]
+            [
+                variable["variable"],
+                _shown_value(variable, value),
+                variable["set_by"] or "-",
+                watched_by,
+            ]
         )
     table = _table("variable, value, set by, watched by", rows)
     return known, table or "no variables have been declared"
@@ -279,19 +285,19 @@ def _names(modules: Sequence[str]) -> str:
     return ", ".join(modules) or "-"
 
 
-def _plain(body: bytes) -> Any:
-    """Return a value in the types of JSON; None if it was never set or can't be decoded."""
+def _decoded(body: bytes) -> Any:
+    """Return a value; None if it was never set or can't be decoded."""
     try:
-        return plain(decode_untyped(body))
+        return decode_untyped(body)
     except BadData:
         return None
 
 
-def _shown_value(variable: dict[str, Any]) -> str:
+def _shown_value(variable: dict[str, Any], value: Any) -> str:
     if not variable["bytes"]:
         return "(never set)"
-    text = json.dumps(variable["value"], ensure_ascii=False)
-    is_shown = variable["value"] is not None and len(text) <= _LONGEST_VALUE
+    text = json.dumps(plain(value, is_shown=True), ensure_ascii=False)
+    is_shown = value is not None and len(text) <= _LONGEST_VALUE
     return text if is_shown else f"({variable['bytes']} bytes)"
 
 

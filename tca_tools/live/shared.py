@@ -16,7 +16,7 @@ from tca_tools.live.completion import TASKS
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.notices import COMMANDS
-from tca_wire.text.bodies import json_text
+from tca_wire.text.bodies import in_words, json_text
 from tca_wire.text.printable import printable
 
 _PATIENCE = 2.0
@@ -78,9 +78,13 @@ def in_one_line(error: Exception) -> str:
     return printable(" ".join(str(error).split()))
 
 
-def plain(value: Any) -> Any:
-    """Return a value in the types of JSON: bytes in base64, times as text, arrays as lists."""
+def plain(value: Any, *, is_shown: bool = False) -> Any:
+    """Return a value in the types of JSON: bytes in base64, times as text, arrays as lists.
+
+    Described arrays are objects; if the value *is_shown* to the user, words.
+    """
     try:
+        value = in_words(value) if is_shown else value
         return msgspec.to_builtins(value, str_keys=True, enc_hook=_plain_part)
     except (TypeError, ValueError, RecursionError):
         return str(value)
@@ -98,5 +102,5 @@ def as_json(value: Any) -> str:
 
 def as_text(value: Any) -> str:
     """Return a value for the user: a text unchanged, others as JSON in one line."""
-    value = plain(value)
+    value = plain(value, is_shown=True)
     return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))

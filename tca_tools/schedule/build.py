@@ -18,7 +18,7 @@ from tca_tools.journal.records import Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Span
 from tca_wire.coordination import TaskRole
-from tca_wire.text.bodies import plain_data
+from tca_wire.text.bodies import in_words, plain_data
 from tca_wire.text.measures import duration, from_to, percent
 from tca_wire.text.printable import printable
 
@@ -77,7 +77,7 @@ def _box(run: Run, sent: SentByCoordinator, span: Span, zero: float) -> Bar:
 
 def _values(task: Task) -> str:
     """Return the data of a task in short: ``box B, 0.5``."""
-    data = plain_data(task.body)
+    data = in_words(plain_data(task.body))
     if data is None:
         return ""
     values = data.values() if isinstance(data, dict) else [data]

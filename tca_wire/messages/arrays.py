@@ -169,22 +169,52 @@ _decode_reference = msgspec.msgpack.Decoder(
 ).decode
 
 
+class ArrayInfo(dict[str, Any]):
+    """The ``dtype``, ``shape`` and ``bytes`` of an array; only the ``bytes`` of other data."""
+
+    content: bytes | memoryview | None = None
+    """The array in C order; None if its part is missing."""
+
+
+def describe_array(code: int, data: memoryview) -> Any:
+    """Return the ArrayInfo of the array that an extension holds, or refers to.
+
+    Raises msgspec.ValidationError if the bytes are damaged.
+    """
+    content: bytes | memoryview | None
+    if code == _NDARRAY:
+        description, shape, content = _decode_content(data)
+        size = len(content)
+    elif code == _LARGE_ARRAY:
+        description, shape, offset, size = _decode_reference(data)
+        content = _parts.find(offset, size) if _parts.find is not None else None
+    else:
+        return msgspec.msgpack.Ext(code, bytes(data))
+    info = ArrayInfo(dtype=description, shape=list(shape)) if description else ArrayInfo()
+    info["bytes"], info.content = size, content
+    return info
+
+
+def large_value(size: int) -> bytes:
+    """Return MessagePack that ``describe_array`` decodes as the ArrayInfo of any large value."""
+    content = msgspec.msgpack.encode(["", (), 0, size])
+    return msgspec.msgpack.encode(msgspec.msgpack.Ext(_LARGE_ARRAY, content))
+
+
 def decode_array(code: int, data: memoryview) -> Any:
     """Return the array that an extension holds, or refers to; it is read-only.
 
-    Without numpy or the array's part, return a description. Raises msgspec.ValidationError if the
+    Without numpy or the array's part, return its ArrayInfo. Raises msgspec.ValidationError if the
     bytes are damaged.
     """
     numpy: Any = sys.modules.get("numpy")
     content: bytes | memoryview
+    if numpy is None or (code == _LARGE_ARRAY and _parts.find is None):
+        return describe_array(code, data)
     if code == _NDARRAY:
         description, shape, content = _decode_content(data)
-        if numpy is None:  # a tool without numpy still shows the type and shape
-            return {"dtype": description, "shape": shape}
-    elif code == _LARGE_ARRAY:
+    elif code == _LARGE_ARRAY and _parts.find is not None:
         description, shape, offset, size = _decode_reference(data)
-        if numpy is None or _parts.find is None:
-            return {"dtype": description, "shape": shape, "bytes": size}
         content = _parts.find(offset, size)
     else:
         return msgspec.msgpack.Ext(code, bytes(data))

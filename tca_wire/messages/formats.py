@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Callable
 from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
@@ -112,19 +113,19 @@ def type_name(kind: Any) -> str:
     return name if name and not get_args(kind) else str(kind)
 
 
-def decode_untyped(data: bytes) -> Any:
+def decode_untyped(data: bytes, array: Callable[[int, memoryview], Any] = decode_array) -> Any:
     """Decode user data of unknown type to plain Python values; for tools. Raises BadData.
 
-    Large data that this program has not opened are described by their dtype, shape and bytes.
+    Large data that this program has not opened become ArrayInfos. *array* decodes other arrays.
     """
     if not data:
         return None
     try:
         if not is_large(data):
-            return msgspec.msgpack.decode(data, ext_hook=decode_array)
+            return msgspec.msgpack.decode(data, ext_hook=array)
         packed, part = described(data)
         with finding(part):
-            return msgspec.msgpack.decode(packed, ext_hook=decode_array)
+            return msgspec.msgpack.decode(packed, ext_hook=array)
     except _UNFIT as error:
         raise BadData(f"{error}") from None
 

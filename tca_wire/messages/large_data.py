@@ -11,7 +11,7 @@ from typing import Any, Self
 import msgspec
 
 from tca_wire.errors import BadData, ProtocolError
-from tca_wire.messages.arrays import PartOf, padded, slices_of, too_large
+from tca_wire.messages.arrays import PartOf, large_value, padded, slices_of, too_large
 from tca_wire.packets.large import (
     LARGE,
     MARK,
@@ -185,7 +185,7 @@ def described(body: bytes) -> tuple[bytes | memoryview, PartOf | None]:
         except ProtocolError as error:
             raise BadData(f"{error}") from None
         whole = _whole(data)
-        return (data if whole is None else msgspec.msgpack.encode({"bytes": whole[1]})), None
+        return (data if whole is None else large_value(whole[1])), None
 
 
 def _whole(data: bytes) -> tuple[int, int] | None:

@@ -289,3 +289,24 @@ def test_plain_schema_of_exponential_references_stays_small() -> None:
         json.dumps({"$ref": "#/$defs/T0", "$defs": below | {"T30": {"type": "number"}}})
     )
     assert len(json.dumps(plain)) < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("shape", "encoding"),
+    [
+        ((3, 4), "mono8"),
+        ((1, 4, 3), "rgb8"),
+        ((1, 3, 4), "rgba8"),
+        ((12,), ""),
+        ((3, 2, 2), ""),
+        ((3, 5), ""),
+        ((-3, -4), ""),
+        ((2, 2, 1, 3), ""),
+    ],
+)
+def test_array_of_bytes_is_an_image_by_its_shape(shape: tuple[int, ...], encoding: str) -> None:
+    content = msgspec.msgpack.encode(["|u1", shape, bytes(12)])
+    story = Story().module("map", "note")
+    story.received("note", MessageClass.INFORM, "user", data={"a": msgspec.msgpack.Ext(1, content)})
+    topic = topics_of(story).get("/images/messages/note/a")
+    assert (topic.contents[0]["encoding"] if topic else "") == encoding

@@ -171,15 +171,33 @@ def test_data_text_is_json_for_each_type(value: Any, text: str) -> None:
 def test_array_is_shown_by_dtype_and_shape() -> None:
     array = msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["<f8", (2, 3), bytes(48)]))
     assert plain_data(msgspec.msgpack.encode({"map": array})) == {
-        "map": {"dtype": "<f8", "shape": [2, 3]}
+        "map": {"dtype": "<f8", "shape": [2, 3], "bytes": 48}
     }
+
+
+@pytest.mark.parametrize(
+    ("dtype", "shape", "words"),
+    [
+        ("|u1", (480, 640, 3), "uint8 array of 480 x 640 x 3 (48 bytes)"),
+        ("<f8", (6,), "float64 array of 6 (48 bytes)"),
+        ("<f4", (), "float32 array (48 bytes)"),
+        ("|b1", (2, 24), "bool array of 2 x 24 (48 bytes)"),
+        ("<M8[ns]", (6,), "<M8[ns] array of 6 (48 bytes)"),
+        ([["x", "<f8"]], (6,), "structured array of 6 (48 bytes)"),
+        ("", (), "data of 48 bytes"),
+    ],
+)
+def test_array_is_shown_in_words(dtype: Any, shape: tuple[int, ...], words: str) -> None:
+    array = msgspec.msgpack.Ext(1, msgspec.msgpack.encode([dtype, shape, bytes(48)]))
+    assert data_text(msgspec.msgpack.encode(array)) == f'"{words}"'
+    assert data_text(msgspec.msgpack.encode({"map": [array]})) == f'{{"map": ["{words}"]}}'
 
 
 def test_data_text_accepts_empty_malformed_long_and_deep_data() -> None:
     assert data_text(b"") == data_text(b"\xc0") == ""
     assert (
         data_text(b"\xc1")
-        == '{"undecodable": "1 bytes: MessagePack data is malformed: invalid opcode \'\\\\xc1\' (byte 0)"}'
+        == '{"undecodable": "1 bytes: a large body is damaged: Input data was truncated"}'
     )
     assert len(data_text(msgspec.msgpack.encode("x" * 100_000))) < 3_000
     deep: Any = 1

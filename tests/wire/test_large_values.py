@@ -199,11 +199,11 @@ def test_tools_describe_large_data_that_they_lack() -> None:
     image = large_array().reshape(4, -1, 16)
     body = encoded({"at": 1, "image": image}).body("ab/7")
     described = {"dtype": "|u1", "shape": list(image.shape), "bytes": image.nbytes}
-    assert decode_untyped(body) == {"at": 1, "image": {**described, "shape": image.shape}}
-    assert plain_data(body) == {"at": 1, "image": described}
+    assert decode_untyped(body) == plain_data(body) == {"at": 1, "image": described}
+    assert data_text(body) == '{"at": 1, "image": "uint8 array of 4 x 1024 x 16 (64 KiB)"}'
     whole = encoded(bytes(LARGE)).body("ab/7")
-    assert data_text(whole) == f'{{"bytes": {LARGE + 5}}}'
-    assert plain_data(inline(encoded(image))) == {"dtype": "|u1", "shape": list(image.shape)}
+    assert (plain_data(whole), data_text(whole)) == ({"bytes": LARGE + 5}, '"data of 64 KiB"')
+    assert plain_data(inline(encoded(image))) == described
 
 
 # --- damage ---------------------------------------------------------------------------------------
