@@ -211,6 +211,10 @@ class PacketLine:
         self.flush()
         self._hold_until = self.clock() + self._transport.hold_seconds
 
+    def end_burst(self) -> None:
+        """Note that the thread waits for something: its next send leaves at once."""
+        self._hold_until = -math.inf
+
     def hold(self, until: float) -> None:
         """Have another thread send the outgoing headers if this one has not at the time *until*."""
         if until < self._send_at:

@@ -179,6 +179,7 @@ class WaitLoop:
         """Do what ``_wait_occupied`` does, and note that the thread keeps the lock for it."""
         line = self._line
         was_occupied, line.is_occupied = line.is_occupied, True
+        line.end_burst()
         try:
             return self._wait_occupied(*arguments, **options)
         finally:
