@@ -29,6 +29,11 @@ class Lease:
         self.pool = pool
         self._segment = segment
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether the file is gone: central counted the module as lost, or the memory was lost."""
+        return not any(os.path.exists(self._segment.path(state)) for state in (NEW, "", FREE))
+
 
 @dataclass(slots=True)
 class _Use:
