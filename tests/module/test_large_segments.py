@@ -130,6 +130,16 @@ def test_free_segment_is_reused_for_similar_sizes(
     assert (f"{number(first)}.free" not in store.files) == is_reused
 
 
+def test_restored_segment_is_not_written_again(store: Store) -> None:
+    body = store.hold(store.send(1))
+    content = store.path(body).read_bytes()
+    store.path(body).unlink()
+    store.path(body).write_bytes(content)  # central has restored it from the disk
+    store.free(body)
+    assert store.read(store.hold(store.send(2)))[0] == 2
+    assert len(store.files) == 1
+
+
 def test_small_data_leave_a_very_large_segment_alone(store: Store) -> None:
     first = store.hold(store.send(1, 4 << 20))
     store.free(first)
