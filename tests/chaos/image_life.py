@@ -1,5 +1,7 @@
 """The life of programs that exchange images. They and central are killed and stopped at random."""
 
+import fcntl
+import io
 import re
 import shutil
 import signal
@@ -9,6 +11,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from random import Random
+from typing import IO, Any
 
 from chaos.images import MODULES
 from processes import Process, tca
@@ -37,6 +40,7 @@ class Life:
         self.processes: list[Process] = []  #: all that were started
         self.stopped: dict[str, float] = {}  #: by name: when the process continues
         self.store = Path()
+        self.key: IO[Any] = io.StringIO()
 
     def run(self, faults: int) -> None:
         """Live, with a number of faults; then end everything, and check what is left."""
@@ -44,6 +48,8 @@ class Life:
             for name in ("central", *MODULES, *CLIENTS):
                 self.start(name)
             self.store = self.listening()
+            self.key = (self.store / "key").open()  # no other central removes the folder
+            fcntl.flock(self.key, fcntl.LOCK_SH)
             for _ in range(faults):
                 self.wait(1.5 * self.random.random() ** 2)
                 self.fault()
@@ -56,6 +62,7 @@ class Life:
         finally:
             for process in self.processes:
                 process.close()
+            self.key.close()
             shutil.rmtree(self.store, ignore_errors=True)
 
     def start(self, name: str) -> None:

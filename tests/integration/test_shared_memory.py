@@ -246,13 +246,19 @@ def test_data_survive_a_crash_of_central(tmp_path: Path) -> None:
     with central(tmp_path) as running:
         eyes = Module("eyes", running.address)
         eyes.handles(GRIP)(wait)
+        eyes.handles(ECHO)(lambda _, found: found)
         with eyes.running(), connect("user", running.address) as user:
             sent = [user.command(GRIP, image(value, 1 << 20)) for value in range(3)]
             assert is_image(received.next(), 0, 1 << 20)
             assert all(one.id for one in sent)
+            asked = user.query_send(ECHO, image(3, 1 << 20))
+            user.status()
             running.kill()
+            with central(tmp_path / "other"):
+                pass  # it leaves the data of the other run alone
             with central(tmp_path, bind=running.address):
                 gate.set()
+                assert is_image(asked.receive(SOON), 3, 1 << 20)
                 assert all(
                     is_image(one.result(SOON), value, 1 << 20) for value, one in enumerate(sent)
                 )
@@ -289,7 +295,7 @@ def test_lost_memory_loses_no_data_of_tasks(tmp_path: Path) -> None:
                 gate.set()
                 results = [one.result(SOON) for one in sent]
                 assert all(is_image(one, value, 1 << 20) for value, one in enumerate(results))
-                with pytest.raises(QueryFailed, match="bad data.* gone from shared memory"):
+                with pytest.raises(QueryFailed, match=r"bad data.* gone from shared memory"):
                     asked.receive(SOON)
                 assert is_image(user.query(ECHO, image(5, 1 << 20)), 5, 1 << 20)
                 until(lambda: not copies.exists() or not list(copies.glob("*/*/*")))
