@@ -25,13 +25,15 @@ CLIENTS = "talker", "client"
 HOWS = "kill", "kill", "stop", "end"
 MOST_FILES, MOST_MEMORY = 100, 300 << 20  # descriptors and bytes of private memory of a process
 FAILURES = {"done", "module lost", "uncertain"}
-FULL_FAILURES = {"overload", "handler error"}  # if the memory is full
+FULL_FAILURES = {"overload", "handler error"}  # if memory is full
+LOSS_FAILURES = {"bad data"}  # if memory is lost
 
 
 class Life:
     """The processes of one life, and what is wrong with it."""
 
-    def __init__(self, folder: Path, seed: int, size: int) -> None:
+    def __init__(self, folder: Path, seed: int, size: int, *, loses_memory: bool) -> None:
+        self.loses_memory = loses_memory
         self.folder, self.random, self.size = folder, Random(seed), size
         self.address = f"ipc://{folder}/c.sock"
         self.wrong: list[str] = []
@@ -39,7 +41,7 @@ class Life:
         self.running: dict[str, Process] = {}
         self.processes: list[Process] = []  #: all that were started
         self.stopped: dict[str, float] = {}  #: by name: when the process continues
-        self.store = Path()
+        self.store = folder / "store"  # central says which it is
         self.key: IO[Any] = io.StringIO()
 
     def run(self, faults: int) -> None:
@@ -63,7 +65,6 @@ class Life:
             for process in self.processes:
                 process.close()
             self.key.close()
-            shutil.rmtree(self.store, ignore_errors=True)
 
     def start(self, name: str) -> None:
         """Start a program, or central."""
@@ -116,6 +117,8 @@ class Life:
             return
         if how == "kill":
             self.running.pop(name).close()
+            if name == "central" and self.loses_memory:
+                shutil.rmtree(self.store, ignore_errors=True)
         else:
             self.end(name, signal.SIGUSR1 if name == "central" else signal.SIGTERM)
         self.start(name)
@@ -156,9 +159,11 @@ class Life:
         self.running.pop("central").close()
         referred = self.referred()
         self.start("central")
+        self.listening()
         self.until(lambda: self.segments() <= referred, "segments are left")
         self.running.pop("central").close()
-        assert self.segments() == self.referred()
+        lost = self.referred() - self.segments()
+        assert self.loses_memory or not lost, lost
         self.start("central")
         self.end("central")
         assert not self.store.exists()
@@ -226,11 +231,20 @@ class Judge:
             self.wrong.append(f"{path.name} was not answered: {waits}")
 
 
-def live(folder: str, seed: int, faults: int, size: int, *, is_full: bool = False) -> Counter[str]:
-    """Live and judge; return the counts. With *is_full*, the memory may be full."""
-    life = Life(Path(folder), seed, size)
+def live(
+    folder: str,
+    seed: int,
+    faults: int,
+    size: int,
+    *,
+    has_full_memory: bool = False,
+    loses_memory: bool = False,
+) -> Counter[str]:
+    """Live and judge; return the counts. With *loses_memory*, it is lost when central is killed."""
+    life = Life(Path(folder), seed, size, loses_memory=loses_memory)
     life.run(faults)
-    judge = Judge(life.folder, FAILURES | FULL_FAILURES if is_full else FAILURES)
+    failures = FAILURES | (FULL_FAILURES if has_full_memory else set())
+    judge = Judge(life.folder, failures | (LOSS_FAILURES if loses_memory else set()))
     assert not life.wrong + judge.wrong
     checked = tca("check", f"{folder}/journal")
     assert checked.returncode == 0, checked.stdout

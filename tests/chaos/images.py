@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from tca_central.__main__ import central
 from tca_central.shell import images, store
 from tca_module import (
+    BadData,
     Broadcast,
     Callback,
     Client,
@@ -198,7 +199,7 @@ class Sender:
         try:
             with connect(self.name, patience=PATIENCE, linger=60, on_leave="keep") as user:
                 while not self.is_ending:
-                    with suppress(Refused):  # memory is full
+                    with suppress(Refused, BadData):  # the memory is full, or was lost
                         self.random.choice([*deeds, self.ask, self.set])(user)
                 while self.open:
                     self.await_oldest()
@@ -248,5 +249,7 @@ class Sender:
             log.info("%d: %s", number, error)
         except Refused as error:
             outcome = error.refusal
+        except BadData:  # the memory was lost
+            outcome = "bad data"
         task = 0 if sent is None else sent.id
         self.notebook.note("outcome", number, task, "query" if sent is None else "task", outcome)

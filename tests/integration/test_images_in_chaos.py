@@ -28,9 +28,14 @@ def test_chaos_damages_and_repeats_no_image(number: int, tmp_path: Path) -> None
     print(f"seed {seed}:", dict(live(str(tmp_path), seed, FAULTS, size)))
 
 
+def test_chaos_with_lost_memory_damages_no_image(tmp_path: Path) -> None:
+    seed = seed_of(3)
+    print(f"seed {seed}:", dict(live(str(tmp_path), seed, FAULTS, 1_000_000, loses_memory=True)))
+
+
 def test_chaos_in_full_memory_damages_no_image(tmp_path: Path) -> None:
     seed = seed_of(7)
-    text = f"from chaos.image_life import live\nlive({str(tmp_path)!r}, {seed}, {FAULTS}, 1_000_000, is_full=True)"
+    text = f"from chaos.image_life import live\nlive({str(tmp_path)!r}, {seed}, {FAULTS}, 1_000_000, has_full_memory=True)"
     mount = 'mount -t tmpfs -o size=50m none /dev/shm && exec "$@"'
     unshared = ["--mount", "--user", "--map-root-user", "sh", "-c", mount, "sh"]
     path = {"PYTHONPATH": f"{TESTS}:{TESTS.parent}"}
