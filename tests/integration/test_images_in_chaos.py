@@ -28,11 +28,13 @@ def test_chaos_damages_and_repeats_no_image(number: int, tmp_path: Path) -> None
     print(f"seed {seed}:", dict(live(str(tmp_path), seed, FAULTS, size)))
 
 
+@pytest.mark.soak
 def test_chaos_with_lost_memory_damages_no_image(tmp_path: Path) -> None:
     seed = seed_of(3)
     print(f"seed {seed}:", dict(live(str(tmp_path), seed, FAULTS, 1_000_000, loses_memory=True)))
 
 
+@pytest.mark.soak
 def test_chaos_in_full_memory_damages_no_image(tmp_path: Path) -> None:
     seed = seed_of(7)
     text = f"from chaos.image_life import live\nlive({str(tmp_path)!r}, {seed}, {FAULTS}, 1_000_000, has_full_memory=True)"
