@@ -245,7 +245,8 @@ def live(
     life.run(faults)
     failures = FAILURES | (FULL_FAILURES if has_full_memory else set())
     judge = Judge(life.folder, failures | (LOSS_FAILURES if loses_memory else set()))
-    assert not life.wrong + judge.wrong
+    wrong = life.wrong + judge.wrong
+    assert not wrong, wrong
     checked = tca("check", f"{folder}/journal")
     assert checked.returncode == 0, checked.stdout
     return life.counts + judge.counts
