@@ -58,7 +58,11 @@ class Life:
                 self.measure()
             while self.stopped:
                 self.wait(0.05)
-            for name in (*CLIENTS, *MODULES):
+            for name in CLIENTS:
+                self.end(name)
+            with connect("judge", self.address, patience=HEALED) as judge:
+                self.until(lambda: not judge.tasks(), "tasks do not end")
+            for name in MODULES:
                 self.end(name)
             self.check_rest()
         finally:
