@@ -26,7 +26,10 @@ log = logging.getLogger("tca.central")
 
 ROOT = Path("/dev/shm")  # noqa: S108 - the folder inside is private
 KEY = "key"
-"""The file that holds the epoch. A module that can read it shares memory with central."""
+"""The file that holds the epoch. A module that can read it shares memory with central.
+
+Modules lock it, so that no other central removes the folder while this one is away.
+"""
 
 _INCARNATION = re.compile(r"[0-9a-f]{1,32}")
 OWN = "0"
@@ -34,6 +37,9 @@ OWN = "0"
 
 _KEPT = int(Keep.TASK | Keep.JOURNAL)
 NEW, FREE = ".new", ".free"
+
+CLEANED_EVERY = 30.0
+"""Seconds between two searches for the folders of dead centrals: their modules may end later."""
 
 ORPHANED = 30.0
 """Seconds after a restart for which segments stay that no message of the state refers to.
@@ -79,6 +85,7 @@ class Store:
         #: Incarnations that share memory: each has a folder, which tells the next central.
         self._sharing: set[str] = set()
         self._orphans: dict[str, float] = {}  #: by name: when to release it
+        self._next_cleaning = 0.0  #: when to search for the folders of dead centrals again
         self._made = 0  #: the number of the newest segment of central itself
         self._kept: KeptData | None = None
 
@@ -104,8 +111,13 @@ class Store:
         if kept is not None:
             kept.start(self.is_needed)
         self._made = time.time_ns() // 1000
-        _remove_dead(self._root, folder)
+        self._clean(time.monotonic())
         self._reconcile()
+
+    def _clean(self, now: float) -> None:
+        """Remove the folders of dead centrals."""
+        self._next_cleaning = now + CLEANED_EVERY
+        _remove_dead(self._root, self._folder)
 
     def _reconcile(self) -> None:
         """Adapt the files to a recovered state, which counts as no messages in a new run."""
@@ -263,6 +275,8 @@ class Store:
         if self.folder is None:
             return
         now = time.monotonic()
+        if now >= self._next_cleaning:
+            self._clean(now)
         for name in [name for name, due in self._orphans.items() if due <= now]:
             del self._orphans[name]
             if name not in self._held:
@@ -347,14 +361,16 @@ def _open_folder(folder: Path) -> int:
 
 
 def _remove_dead(root: Path, own: Path) -> None:
-    """Remove the folders of this user's centrals that no longer run."""
+    """Remove the folders of this user's centrals that neither run nor have modules left."""
     for folder in root.glob(f"tca-{os.getuid()}-*"):
         if folder == own:
             continue
-        with contextlib.suppress(OSError):
-            opened = _open_folder(folder)
-            try:
-                fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
-            finally:
-                os.close(opened)
+        with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
+            files = [_open_folder(folder)]
+            opened.callback(os.close, files[0])
+            with contextlib.suppress(FileNotFoundError):
+                files.append(os.open(folder / KEY, os.O_RDONLY | os.O_CLOEXEC))
+                opened.callback(os.close, files[1])
+            for file in files:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(folder, ignore_errors=True)

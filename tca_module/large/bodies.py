@@ -1,5 +1,6 @@
 """The large bodies of one connection: stored before they leave, opened when they arrive."""
 
+import contextlib
 import errno
 import os
 from pathlib import Path
@@ -79,11 +80,29 @@ class LargeBodies:
         return self._pool is None and not isinstance(body, LargeData)
 
     def restore(self, body: bytes) -> bytes:
-        """Return what ``store`` does; the body as it is if that fails, for central to refuse."""
+        """Return what ``store`` does, for a body that may have been stored before.
+
+        If its segment is gone, its data are stored again. If memory is full, the body holds them
+        itself. If they are too many for that, or gone, the body is returned as it is: its receiver
+        reports that it can't read the data.
+        """
+        if body[:1] != MARK:
+            return body
         try:
+            if isinstance(body, OpenedBody) and self._has_lost(body):
+                body = copy_of(body)
             return self.store(body, "")
-        except (BadData, Refused):
-            return bytes(body)
+        except Refused:
+            with contextlib.suppress(BadData):
+                return inline(body)
+        except BadData:
+            pass
+        return bytes(body)
+
+    def _has_lost(self, body: OpenedBody) -> bool:
+        """Whether a body is stored, but its segment is gone."""
+        owner = body.owner
+        return isinstance(owner, Lease) and owner.pool is self._pool and owner.is_lost
 
     def opened(self, body: bytes) -> bytes:
         """Return a received body; a large one with its memory."""

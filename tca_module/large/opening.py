@@ -15,7 +15,7 @@ _FAR = (
     f" message to it holds at most {Limit.BODY:d}"
 )
 _GONE = (
-    "the data are gone from shared memory: their task has ended,"
+    "the data are gone from shared memory: their task has ended, the memory was full,"
     " or the computer was restarted since they were sent"
 )
 

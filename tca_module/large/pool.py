@@ -4,6 +4,7 @@ A segment is written again when central has freed it. A few free segments are ke
 """
 
 import contextlib
+import fcntl
 import itertools
 import os
 import threading
@@ -28,6 +29,11 @@ class Lease:
     def __init__(self, pool: "Pool", segment: Segment) -> None:
         self.pool = pool
         self._segment = segment
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the file is gone: central counted the module as lost, or the memory was lost."""
+        return not any(os.path.exists(self._segment.path(state)) for state in (NEW, "", FREE))
 
 
 @dataclass(slots=True)
@@ -56,6 +62,7 @@ class Pool:
         self._stores_until_look = 0
         self._tidy_at = 0.0
         os.makedirs(self.folder, mode=0o700, exist_ok=True)
+        self._key = _locked_key(store)
 
     def store(self, data: LargeData, user: object) -> OpenedBody:
         """Copy data into a segment; return their body. Raises OSError.
@@ -165,12 +172,33 @@ class Pool:
         """Remove the free segments. Central removes the others, which it may still need."""
         if os.getpid() != self._process:
             return
+        self.unlock_key()
         with self._lock, contextlib.suppress(OSError):
             self._look()
             for number in list(self._uses):
                 self._remove(number, FREE)
             self._uses.clear()
             os.rmdir(self.folder)  # fails if segments are left
+
+    def unlock_key(self) -> None:
+        """Let any central remove the store, if its own central is away."""
+        key, self._key = self._key, -1
+        if key >= 0:
+            os.close(key)
+
+
+def _locked_key(store: str) -> int:
+    """Lock the store's key, so that no other central removes the store while its own is away.
+
+    Returns the open file; -1 if the store has no key.
+    """
+    try:
+        key = os.open(f"{store}/key", os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return -1
+    with contextlib.suppress(OSError):  # a central removes the store now
+        fcntl.flock(key, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    return key
 
 
 _pools: dict[tuple[str, str], Pool] = {}
@@ -201,6 +229,8 @@ def leave_pool(pool: Pool) -> None:
 def _forget_pools() -> None:
     """Forget the parent's pools in a forked child, whose connections have pools of their own."""
     global _pools_lock  # noqa: PLW0603
+    for pool in _pools.values():
+        pool.unlock_key()
     _pools.clear()
     _pools_lock = threading.Lock()
 

@@ -48,9 +48,12 @@ class Segment:
     def renew(self, number: int) -> bool:
         """Give the free segment a new number. Returns False if that fails: the file is then gone.
 
-        A segment that a receiver still reads is removed; the receiver's view of it lasts.
+        A segment that a receiver still reads is removed; the receiver's view of it lasts. So is a
+        file that central has restored from the disk, which is not the one that is mapped here.
         """
         try:
+            if not os.path.samestat(os.stat(self.path(FREE)), os.fstat(self._file)):
+                raise FileNotFoundError(self.path(FREE))
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             self.remove(FREE)

@@ -23,6 +23,7 @@ from tca_central.shell.large_bodies import LargeBodies
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.store import Store, StoredBody
+from tca_module.large.pool import Pool
 from tca_wire.packets import codec
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -180,6 +181,22 @@ def test_start_removes_folders_of_dead_centrals(tmp_path: Path) -> None:
     assert other_users.exists()
     for one in (living, own):
         one.close()
+
+
+def test_folder_of_a_dead_central_stays_for_its_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "CLEANED_EVERY", 0.0)
+    dead = Shared(tmp_path, "dead")
+    module = Pool(str(dead.folder), "b1")
+    dead.close()
+    own = Shared(tmp_path)
+    own.store.sweep({})
+    assert dead.folder.exists()
+    module.close()
+    own.store.sweep({})
+    assert not dead.folder.exists()
+    own.close()
 
 
 def test_folder_goes_with_the_end_of_its_run(shared: Shared) -> None:

@@ -1,5 +1,6 @@
 """Large data between modules and a real central: each kind of message, restarts and deaths."""
 
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ from tca_module import (
     Module,
     NotSent,
     Query,
+    QueryFailed,
     Task,
     TaskFailed,
     Timeout,
@@ -244,19 +246,63 @@ def test_data_survive_a_crash_of_central(tmp_path: Path) -> None:
     with central(tmp_path) as running:
         eyes = Module("eyes", running.address)
         eyes.handles(GRIP)(wait)
+        eyes.handles(ECHO)(lambda _, found: found)
         with eyes.running(), connect("user", running.address) as user:
             sent = [user.command(GRIP, image(value, 1 << 20)) for value in range(3)]
             assert is_image(received.next(), 0, 1 << 20)
             assert all(one.id for one in sent)
+            asked = user.query_send(ECHO, image(3, 1 << 20))
+            user.status()
             running.kill()
+            with central(tmp_path / "other"):
+                pass  # it leaves the data of the other run alone
             with central(tmp_path, bind=running.address):
                 gate.set()
+                assert is_image(asked.receive(SOON), 3, 1 << 20)
                 assert all(
                     is_image(one.result(SOON), value, 1 << 20) for value, one in enumerate(sent)
                 )
                 until_free(user, 3)  # central remembers how the tasks ended
                 store = store_of(user)
         assert not (store / "eyes").exists()
+
+
+def test_lost_memory_loses_no_data_of_tasks(tmp_path: Path) -> None:
+    begun, pictures, gate = Received(), Received(), threading.Event()
+    with central(tmp_path) as running:
+        eyes = Module("eyes", running.address)
+        eyes.handles(PICTURE)(pictures)
+        eyes.handles(ECHO)(lambda _, found: found)
+
+        @eyes.handles(GRIP)
+        def grip(_: Task, found: Image) -> Image:
+            begun(None, found)
+            assert gate.wait(SOON)
+            return found
+
+        with eyes.running(), connect("user", running.address, 60) as user:
+            sent = [user.command(GRIP, image(value, 1 << 20)) for value in range(3)]
+            begun.next()
+            asked = user.query_send(ECHO, image(3, 1 << 20))
+            user.inform(PICTURE, image(4, 1 << 20))
+            store = store_of(user)
+            until_free(user, 5)
+            copies = running.journal / "held"
+            until(lambda: sum(one.name.isdecimal() for one in copies.glob("*/*/*")) == 3)
+            running.kill()
+            shutil.rmtree(store)
+            with central(tmp_path, bind=running.address) as again:
+                gate.set()
+                results = [one.result(SOON) for one in sent]
+                assert all(is_image(one, value, 1 << 20) for value, one in enumerate(results))
+                with pytest.raises(QueryFailed, match=r"bad data.* gone from shared memory"):
+                    asked.receive(SOON)
+                assert is_image(user.query(ECHO, image(5, 1 << 20)), 5, 1 << 20)
+                until(lambda: not copies.exists() or not list(copies.glob("*/*/*")))
+        again.stop()
+        assert not pictures.images
+        assert [one.failure for one in again.facts(facts.Failed)] == ["bad data"] * 2
+    assert not store.exists()
 
 
 def test_data_sent_while_central_is_away_arrive(tmp_path: Path) -> None:

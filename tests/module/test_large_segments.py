@@ -4,6 +4,7 @@ import fcntl
 import gc
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -127,6 +128,16 @@ def test_free_segment_is_reused_for_similar_sizes(
     store.free(first)
     store.send(2, size)
     assert (f"{number(first)}.free" not in store.files) == is_reused
+
+
+def test_restored_segment_is_not_written_again(store: Store) -> None:
+    body = store.hold(store.send(1))
+    content = store.path(body).read_bytes()
+    store.path(body).unlink()
+    store.path(body).write_bytes(content)  # central has restored it from the disk
+    store.free(body)
+    assert store.read(store.hold(store.send(2)))[0] == 2
+    assert len(store.files) == 1
 
 
 def test_small_data_leave_a_very_large_segment_alone(store: Store) -> None:
@@ -429,6 +440,23 @@ def test_body_is_stored_again_for_another_central(tmp_path: Path) -> None:
     assert ARRAY.decode(alone)[0] == 5
 
 
+def test_lost_segment_is_stored_again(tmp_path: Path) -> None:
+    """Central removes the segments of a module that was stopped for long."""
+    folder, bodies = make_store(tmp_path / "store"), LargeBodies()
+    bodies.on_welcome(welcome(folder), RUN)
+    body = bodies.store(encoded(5), "'image'")
+    path = Path(folder, unpack_handle(body)[0].segment)
+    for state in ("", ".free"):
+        Path(f"{path}.new").rename(f"{path}{state}")
+        assert bodies.restore(body) is body
+        Path(f"{path}{state}").rename(f"{path}.new")
+    shutil.rmtree(path.parent)
+    again = bodies.restore(body)
+    path = Path(folder, unpack_handle(again)[0].segment + ".new")
+    assert path.read_bytes()[:SIZE] == array(5).tobytes()
+    bodies.close()
+
+
 def test_received_data_are_passed_on_in_an_own_segment(tmp_path: Path) -> None:
     folder = make_store(tmp_path / "store")
     sender, receiver = LargeBodies(), LargeBodies()
@@ -450,16 +478,21 @@ import numpy
 from tca_module.errors import Refused
 from tca_module.large.bodies import LargeBodies
 from tca_wire.messages.formats import Format
+from tca_wire.messages.large_data import detached
 from tca_wire.packets.headers import Welcome
+from tca_wire.packets.large import unpack_handle
 open(sys.argv[1] + "/key", "w").write("one")
 bodies = LargeBodies()
-assert bodies.on_welcome(Welcome(1, 1, "eyes", "one", sys.argv[1]), "ab")
 image = Format(numpy.ndarray).encode(numpy.ones(900_000, numpy.uint8))
+waiting = detached(image)
+assert bodies.on_welcome(Welcome(1, 1, "eyes", "one", sys.argv[1]), "ab")
 held = bodies.store(image, "'image'")
 try:
     bodies.store(image, "'image'")
 except Refused as error:
     print(error.refusal, error)
+alone = bodies.restore(waiting)
+assert (unpack_handle(alone)[0].segment, len(alone) > 900_000) == ("", True)
 del held
 """
 
