@@ -138,7 +138,8 @@ def test_readme_program_works_with_the_installed_wheel(python: Path, tmp_path: P
     """
     tca = python.with_name("tca")
     assert run(tca, "--version", cwd=tmp_path).startswith("tca, version ")
-    install, program, printed, tree = [block.text for block in blocks(ROOT / "README.md")]
+    install, program, console = [block.text for block in blocks(ROOT / "README.md")]
+    printed, tree = console.removeprefix("$ python deliver.py\n").split("$ tca tree\n")
     assert install.splitlines()[-1] == "$ tca central"
     assert program.splitlines()[-1].count(".result()") == 1
     with central(tmp_path, command=(str(tca), "central")) as daemon:
