@@ -98,7 +98,8 @@ def either(journal: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Pat
 
 
 def tca(*arguments: object) -> str:
-    done = CliRunner().invoke(main, [str(one) for one in arguments], catch_exceptions=False)
+    runner = CliRunner(env={"COLUMNS": "200"})
+    done = runner.invoke(main, [str(one) for one in arguments], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.stdout
 
