@@ -28,6 +28,7 @@ SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
 _PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a probe
 STALL = 2.0  # if a wait ends this many seconds too late, the whole process was stopped
+SENT_AT_ONCE = 4  # sends in a row that leave at once
 _MOST_HELD, _MOST_HELD_BYTES = 64, 16 << 10  # sends that wait to leave together
 _ACKNOWLEDGED_WITHIN = 0.02  # seconds; usually the next send takes the receipt along
 
@@ -50,6 +51,7 @@ class PacketLine:
         self.is_occupied = False
         self._send_at = math.inf  #: when another thread will call ``send_held``
         self._hold_until = -math.inf  #: until then the line counts as busy after a send
+        self._in_a_row = 0  #: sends before the present one, each within a millisecond of the last
         self._is_busy = False  #: the present send may wait for others, to leave with them
         self._held_bytes = 0  #: bytes of the bodies that wait
         #: the handlers' clock, in seconds; a stepped clock stands still
@@ -193,10 +195,12 @@ class PacketLine:
     def begin_send(self) -> None:
         """Prepare to send a header that nothing waits for; ``end_send`` comes next.
 
-        Such headers share packets. The first one after a millisecond leaves at once. Arrived
-        packets are processed as rarely as packets leave.
+        Such headers share packets. The first ones after a millisecond leave at once, because a few
+        sends are no stream. Arrived packets are processed as rarely as packets leave.
         """
-        self._is_busy = not self.is_occupied and self.clock() < self._hold_until
+        is_soon = not self.is_occupied and self.clock() < self._hold_until
+        self._in_a_row = self._in_a_row + 1 if is_soon else 0
+        self._is_busy = self._in_a_row >= SENT_AT_ONCE
         if not self._is_busy:
             self.catch_up(is_sending=True)
 

@@ -5,6 +5,7 @@ import threading
 from module.scripted_central import ScriptedCentral, scripted_connection
 
 from tca_module.link.connection import Connection
+from tca_module.link.packet_line import SENT_AT_ONCE
 from tca_wire.packets.headers import Await, Reply, Send, SetVariable, Unknown
 from tca_wire.points import ROOT
 
@@ -13,11 +14,12 @@ _LONG = 1000.0  # seconds after which another thread would send
 
 
 def busy_connection() -> tuple[Connection, ScriptedCentral]:
-    """Return a connection that has just sent an inform, and its central."""
+    """Return a connection that has just sent some informs, of which its central knows the last."""
     connection, central = scripted_connection()
     central.hold_seconds = _LONG
-    connection.post(NOTE, BODY)
-    assert central.sizes == [1]
+    for _ in range(SENT_AT_ONCE):
+        connection.post(NOTE, BODY)
+    del central.sizes[1:], central.received[1:]
     return connection, central
 
 
@@ -25,7 +27,7 @@ def names(central: ScriptedCentral) -> list[str]:
     return [getattr(one, "message", type(one).__name__) for one in central.received]
 
 
-def test_first_inform_leaves_at_once_and_others_wait() -> None:
+def test_first_informs_leave_at_once_and_others_wait() -> None:
     connection, central = busy_connection()
     for _ in range(3):
         connection.post(NOTE, BODY)
@@ -62,9 +64,9 @@ def test_full_packet_has_arrivals_processed() -> None:
     central.deliver(Unknown())
     for _ in range(64):
         connection.post(NOTE, BODY)
-    # The connection broke when one inform was on its way, and 64 had not left.
+    # The connection broke when the first informs were on their way, and 64 had not left.
     session = connection.session
-    assert (session.doubtful, session.dropped, session.unconfirmed) == (1, 64, 0)
+    assert (session.doubtful, session.dropped, session.unconfirmed) == (SENT_AT_ONCE, 64, 0)
 
 
 def test_all_that_a_sender_does_keeps_its_order() -> None:
@@ -94,7 +96,7 @@ def test_waiting_sends_what_waits() -> None:
 def test_waiting_messages_count_as_unconfirmed() -> None:
     connection, central = busy_connection()
     connection.post(NOTE, BODY)
-    assert connection.session.unconfirmed == 2
+    assert connection.session.unconfirmed == SENT_AT_ONCE + 1
     connection.close()
     assert connection.missing == 0
     assert names(central)[:2] == ["note", "note"]
