@@ -51,7 +51,10 @@ def test_handler_names_its_end(user: Client, central: LocalCentral) -> None:
     with eye.running():
         looks = [user.command(LOOK, angle) for angle in range(3)]
         found = [(look.result(), look.state) for look in looks]
-        changes = [list(user.command(LOOK, 1).changes())[-1]]
+        looking = user.command(LOOK, 1, suspended=True)
+        seen = looking.changes()
+        looking.resume()
+        changes = [list(seen)[-1]]
     ends = [("bright", "done"), ("bright", "nothing seen"), ("dark", "nothing seen")]
     assert found == ends
     assert [(one.transition, one.outcome, one.data) for one in changes] == [
