@@ -122,11 +122,11 @@ def test_unresolved_failure_ends_parent_goal(robot: Robot, user: Client) -> None
 
 def test_resolved_failure_lets_parent_goal_continue(robot: Robot, user: Client) -> None:
     robot.reactions = [resolve, resolve]
-    step = user.command(STEP, on_failure=ON_SLIP)
+    step = user.command(STEP, on_failure=ON_SLIP, suspended=True)
+    changes = step.changes(SOON)
+    step.resume()
     ends = [
-        (change.state, change.transition, change.outcome)
-        for change in step.changes(SOON)
-        if change.is_over
+        (change.state, change.transition, change.outcome) for change in changes if change.is_over
     ]
     assert step.result(SOON) is None
     assert ends == [("done", RESOLVED, RESOLVED)]
