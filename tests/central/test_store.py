@@ -3,12 +3,12 @@
 import gc
 import os
 import shutil
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
+from waiting import wait_until
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
@@ -41,17 +41,9 @@ from tca_wire.packets.parts import HandlerFormat, MessageFormat, StateChange
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Party
 
-SOON = 20.0
 DATA = bytes(range(256)) * 400
 MODULE = "a1"
 LINE = ConnectionId(b"line")
-
-
-def wait_until(is_true: Callable[[], bool]) -> None:
-    end = time.monotonic() + SOON
-    while not is_true():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 class Shared:

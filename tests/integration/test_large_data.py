@@ -2,8 +2,7 @@
 
 import os
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +10,7 @@ from typing import Any, TypeVar
 import pytest
 import zmq
 from processes import Central, central
+from waiting import SOON, wait_until
 
 from tca_wire.packets.codec import pack_item, unpack_to_module
 from tca_wire.packets.headers import (
@@ -34,16 +34,8 @@ from tca_wire.vocabulary import MessageClass, Refusal
 
 pytestmark = pytest.mark.slow
 
-SOON = 20.0
 DATA = os.urandom(1 << 20)
 T = TypeVar("T")
-
-
-def wait_until(is_true: Callable[[], object]) -> None:
-    end = time.monotonic() + SOON
-    while not is_true():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 class RawModule:

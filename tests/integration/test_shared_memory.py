@@ -2,8 +2,7 @@
 
 import shutil
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from processes import Central, central, program
+from waiting import SOON, wait_until
 
 from tca_module import (
     Broadcast,
@@ -35,7 +35,6 @@ from tca_wire.text.bodies import plain_data
 
 pytestmark = pytest.mark.slow
 
-SOON = 20.0
 Image = NDArray[np.uint8]
 SIZES = pytest.mark.parametrize("size", [100 << 10, 1 << 20, 6_000_000])
 
@@ -53,13 +52,6 @@ def image(value: int, size: int) -> Image:
 
 def is_image(found: Any, value: int, size: int) -> bool:
     return not found.flags.writeable and np.array_equal(found, image(value, size))
-
-
-def until(is_true: Callable[[], object]) -> None:
-    end = time.monotonic() + SOON
-    while not is_true():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 class Received:
@@ -111,7 +103,7 @@ def segments(user: Client) -> list[str]:
 def until_free(user: Client, held: int = 0) -> None:
     """Wait until central holds only *held* segments."""
     user.status()  # central keeps the answer to the newest request of each connection
-    until(lambda: len(segments(user)) == held)
+    wait_until(lambda: len(segments(user)) == held)
 
 
 @SIZES
@@ -288,7 +280,7 @@ def test_lost_memory_loses_no_data_of_tasks(tmp_path: Path) -> None:
             store = store_of(user)
             until_free(user, 5)
             copies = running.journal / "held"
-            until(lambda: sum(one.name.isdecimal() for one in copies.glob("*/*/*")) == 3)
+            wait_until(lambda: sum(one.name.isdecimal() for one in copies.glob("*/*/*")) == 3)
             running.kill()
             shutil.rmtree(store)
             with central(tmp_path, bind=running.address) as again:
@@ -298,7 +290,7 @@ def test_lost_memory_loses_no_data_of_tasks(tmp_path: Path) -> None:
                 with pytest.raises(QueryFailed, match=r"bad data.* gone from shared memory"):
                     asked.receive(SOON)
                 assert is_image(user.query(ECHO, image(5, 1 << 20)), 5, 1 << 20)
-                until(lambda: not copies.exists() or not list(copies.glob("*/*/*")))
+                wait_until(lambda: not copies.exists() or not list(copies.glob("*/*/*")))
         again.stop()
         assert not pictures.images
         assert [one.failure for one in again.facts(facts.Failed)] == ["bad data"] * 2
@@ -399,7 +391,7 @@ def test_killed_sender_leaves_no_segments(running: Central, user: Client) -> Non
             killed.communicate()
         found = [received.next() for _ in range(5)]
         assert [int(one[-1]) for one in found] == list(range(5))
-        until(lambda: {path.name for path in store_of(user).glob("*/*")} <= {"1.free"})
+        wait_until(lambda: {path.name for path in store_of(user).glob("*/*")} <= {"1.free"})
 
 
 def test_stream_of_images_reuses_few_segments(running: Central, user: Client) -> None:
