@@ -223,8 +223,10 @@ class Store:
         path, held = self._path(name), self._held[name]
         if self._kept is None or not keep or not path.exists():
             return
-        if self._kept.add(name, path, held.size, Keep(keep)):
-            self._held[name] = held._replace(bodies=held.bodies + 1)
+        # counted first: the thread that copies may ask at once whether a body is left
+        self._held[name] = held._replace(bodies=held.bodies + 1)
+        if not self._kept.add(name, path, held.size, Keep(keep)):
+            self._held[name] = held
 
     def flush(self) -> None:
         """Bring the segments of tasks to the disk, if they must be there. Raises CentralError."""

@@ -482,6 +482,25 @@ def test_segments_of_tasks_are_restored(tmp_path: Path, kept: KeptData) -> None:
     del bodies, body
 
 
+class PromptCopies(KeptData):
+    """Makes each copy before the store goes on."""
+
+    def add(self, name: str, path: Path, size: int, keep: Keep) -> bool:
+        is_added = super().add(name, path, size, keep)
+        wait_until(lambda: name in self.ended)
+        return is_added
+
+
+def test_segment_is_copied_when_its_copy_begins_at_once(tmp_path: Path) -> None:
+    journal = tmp_path / "journal"
+    shared = Shared(tmp_path, kept=PromptCopies(journal, "run", Sync.ALWAYS))
+    body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
+    assert copied(journal) == ["held/run/a1/1"]
+    del body
+    assert shared.files() == ["a1/1.free"]
+    shared.close()
+
+
 def test_tasks_are_on_the_disk_at_once_when_always(tmp_path: Path) -> None:
     journal = tmp_path / "journal"
     journal.mkdir()
