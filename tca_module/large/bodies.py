@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from tca_module.errors import Refused
+from tca_module.large import mappings
 from tca_module.large.opening import opened
 from tca_module.large.pool import Lease, Pool, join_pool, leave_pool
 from tca_wire.errors import BadData
@@ -111,9 +112,10 @@ class LargeBodies:
         return opened(self._run[0] if self._pool is not None and self._run else "", body)
 
     def tidy(self) -> None:
-        """Remove segments that are not needed soon."""
+        """Free memory that is not needed soon."""
         if self._pool is not None:
             self._pool.tidy()
+            mappings.tidy()
 
     def close(self) -> None:
         """Use the present store no longer."""

@@ -1,15 +1,11 @@
 """Opens the segments of received bodies."""
 
-import fcntl
-import mmap
-import os
-
+from tca_module.large.mappings import memory_of
 from tca_wire.errors import ProtocolError
 from tca_wire.messages.large_data import OpenedBody
-from tca_wire.packets.large import Handle, unpack_handle
+from tca_wire.packets.large import unpack_handle
 from tca_wire.vocabulary import Limit
 
-_POPULATE = getattr(mmap, "MAP_POPULATE", 0)  # one call is cheaper than a fault for each page
 _FAR = (
     "its {size} bytes stand in shared memory, which this module does not share with central; a"
     f" message to it holds at most {Limit.BODY:d}"
@@ -34,7 +30,7 @@ def opened(store: str, body: bytes) -> bytes:
     found = OpenedBody(body)
     try:
         if store:
-            found.content = _memory_of(f"{store}/{handle.segment}", handle)
+            found.content = _memory_of(f"{store}/{handle.segment}", handle.size)
         else:
             found.problem = _FAR.format(size=handle.size)
     except FileNotFoundError:
@@ -44,34 +40,10 @@ def opened(store: str, body: bytes) -> bytes:
     return found
 
 
-def _memory_of(path: str, handle: Handle) -> memoryview:
-    """Map a segment, and lock it as long as its memory is in use.
-
-    Raises FileNotFoundError if the segment is gone, or another OSError.
-    """
+def _memory_of(path: str, size: int) -> memoryview:
+    """Return the memory of a segment. Raises what ``memory_of`` does."""
     try:
-        return _locked_memory_of(path, handle)
+        return memory_of(path, size)
     except FileNotFoundError:
         # Central has freed it, and its sender has not used it again.
-        return _locked_memory_of(f"{path}.free", handle)
-
-
-def _locked_memory_of(path: str, handle: Handle) -> memoryview:
-    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-    try:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:  # its sender is about to write other data
-            raise FileNotFoundError(path) from None
-        status = os.fstat(file)
-        if os.stat(path, follow_symlinks=False).st_ino != status.st_ino:
-            raise FileNotFoundError(path)
-        if status.st_size < handle.size:
-            msg = f"{path} has {status.st_size} bytes, not {handle.size}"
-            raise OSError(msg)
-        # The mapping duplicates the file's descriptor, which keeps the lock.
-        return memoryview(
-            mmap.mmap(file, handle.size, flags=mmap.MAP_SHARED | _POPULATE, prot=mmap.PROT_READ)
-        )
-    finally:
-        os.close(file)
+        return memory_of(f"{path}.free", size)

@@ -18,6 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tca_module import BadData, Client, Failure, Module, Query, Task, TaskFailed
+from tca_module.large import mappings
 from tca_module.large import pool as pools
 from tca_module.large.bodies import LargeBodies
 from tca_module.large.opening import opened
@@ -84,6 +85,9 @@ def store(tmp_path: Path) -> Iterator[Store]:
     store = Store(tmp_path)
     yield store
     store.pool.close()
+    shutil.rmtree(store.folder)
+    del store
+    assert not maps()
 
 
 def number(body: bytes) -> int:
@@ -95,8 +99,10 @@ def inode(store: Store, name: str) -> int:
 
 
 def maps() -> int:
-    """Return how many segments of this module's run are mapped here."""
+    """Return how many segments of this module's run are mapped here, and needed."""
     gc.collect()
+    mappings._tidy_at = 0.0
+    mappings.tidy()
     return Path("/proc/self/maps").read_text().count(f"/{RUN}/")
 
 
@@ -164,6 +170,41 @@ def test_segment_is_reused_when_its_last_view_is_gone(store: Store) -> None:
     store.free(first)
     del view
     assert inode(store, f"{number(store.send(2))}.new") == known
+
+
+def test_file_that_is_written_again_is_mapped_once(store: Store) -> None:
+    before, known = maps(), set()
+    for value in range(20):
+        sent = store.hold(store.send(value))
+        known.add(inode(store, str(number(sent))))
+        assert np.array_equal(store.read(sent), array(value))
+        assert maps() == before + 2, "the sender's own mapping, and the reader's"
+        store.free(sent)
+    assert len(known) == 1
+
+
+def test_forked_child_leaves_the_locks_alone(store: Store) -> None:
+    first = store.hold(store.send(1))
+    view = store.read(first)
+    if not (child := os.fork()):
+        del view
+        gc.collect()
+        os._exit(0)
+    os.waitpid(child, 0)
+    known = inode(store, str(number(first)))
+    store.free(first)
+    assert inode(store, f"{number(store.send(2))}.new") != known
+    assert np.array_equal(view, array(1))
+
+
+def test_readers_of_many_segments_keep_few_mappings(store: Store) -> None:
+    views = [store.read(store.hold(store.send(value))) for value in range(20)]
+    assert [view[-1] for view in views] == list(range(20))
+    sent = [path.name for path in Path(store.pool.folder).iterdir()]
+    views.clear()
+    store.read(store.hold(store.send(20)))
+    assert len(mappings._mappings) <= mappings._MOST
+    assert len(sent) == 20
 
 
 def test_segment_of_a_living_body_is_not_written_again(store: Store) -> None:
