@@ -43,9 +43,7 @@ class _Use:
     lease: ref[Lease]
     user: object
     """The connection that sends it."""
-    segment: Segment | None
-    """The segment, if it stays mapped."""
-    is_free: bool = False
+    is_free: bool = False  #: whether ``_look`` has found it free
 
 
 class Pool:
@@ -59,6 +57,7 @@ class Pool:
         self._process = os.getpid()
         self._lock = threading.Lock()
         self._uses: dict[int, _Use] = {}  #: by the segment's number, the oldest first
+        self._mapped: dict[int, Segment] = {}  #: those of the uses that stay mapped
         self._stores_until_look = 0
         self._tidy_at = 0.0
         os.makedirs(self.folder, mode=0o700, exist_ok=True)
@@ -69,6 +68,7 @@ class Pool:
 
         The segment is not written again as long as the body lives.
         """
+        self.tidy()
         with self._lock:
             segment = self._free_segment(data.size)
         if segment is None:
@@ -78,10 +78,9 @@ class Pool:
         body.content = segment.memory.toreadonly()[: data.size]
         body.owner = lease = Lease(self, segment)
         with self._lock:
-            mapped = sum(use.segment is not None for use in self._uses.values())
-            self._uses[segment.number] = _Use(
-                ref(lease), user, segment if mapped < _MAPPED else None
-            )
+            self._uses[segment.number] = _Use(ref(lease), user)
+            if len(self._mapped) < _MAPPED:
+                self._mapped[segment.number] = segment
         return body
 
     def _new_segment(self, size: int) -> Segment:
@@ -98,17 +97,22 @@ class Pool:
 
     def _free_segment(self, size: int) -> Segment | None:
         """Return a free segment for data of a size, with a new number."""
+        most = max(_SMALLEST, 2 * size)
+        for number, segment in list(self._mapped.items()):
+            if size <= segment.capacity <= most and self._uses[number].lease() is None:
+                try:
+                    is_renewed = segment.renew(next(_numbers))
+                except OSError:
+                    self._forget(number)
+                    continue
+                if is_renewed:
+                    self._forget(number)
+                    return segment
         self._stores_until_look -= 1
         if self._stores_until_look < 0:
             self._look()
             # The cost of a look grows with the number of files: look less often if they are many.
             self._stores_until_look = len(self._uses) // 16
-        most = max(_SMALLEST, 2 * size)
-        for number, use in list(self._uses.items()):
-            if use.is_free and use.segment and size <= use.segment.capacity <= most:
-                del self._uses[number]
-                if use.segment.renew(next(_numbers)):
-                    return use.segment
         return None
 
     def _look(self) -> None:
@@ -122,10 +126,10 @@ class Pool:
                 continue
             if f"{number}{FREE}" in names:
                 use.is_free = True
-                if use.segment is None:
+                if number not in self._mapped:
                     self._remove(number, FREE)
             elif f"{number}{NEW}" not in names and str(number) not in names:
-                del self._uses[number]  # central has removed it
+                self._forget(number)  # central has removed it
 
     def _remove(self, number: int, state: str) -> None:
         """Remove a segment that is in this state. Only central may remove the others."""
@@ -133,14 +137,19 @@ class Pool:
             os.unlink(f"{self.folder}/{number}{state}")
         except FileNotFoundError:
             return
+        self._forget(number)
+
+    def _forget(self, number: int) -> None:
+        """Forget a segment. Its file is gone, or has another number."""
         self._uses.pop(number, None)
+        self._mapped.pop(number, None)
 
     def _trim(self, most: int, most_bytes: int) -> None:
         """Remove the oldest free segments, until the rest is within these bounds."""
         free = {
-            number: use.segment.capacity
-            for number, use in self._uses.items()
-            if use.is_free and use.segment is not None
+            number: segment.capacity
+            for number, segment in self._mapped.items()
+            if self._uses[number].is_free
         }
         number_left, size = len(free), sum(free.values())
         for number, capacity in free.items():
@@ -178,6 +187,7 @@ class Pool:
             for number in list(self._uses):
                 self._remove(number, FREE)
             self._uses.clear()
+            self._mapped.clear()
             os.rmdir(self.folder)  # fails if segments are left
 
     def unlock_key(self) -> None:

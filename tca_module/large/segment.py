@@ -33,6 +33,7 @@ class Segment:
             os.posix_fallocate(self._file, 0, self.capacity)
             flags = mmap.MAP_SHARED | _POPULATE
             self.memory = memoryview(mmap.mmap(self._file, self.capacity, flags=flags))
+            self._inode = os.fstat(self._file).st_ino
         except BaseException:
             self.remove(NEW)
             raise
@@ -46,26 +47,26 @@ class Segment:
         return f"{self._folder}/{self.number}{state}"
 
     def renew(self, number: int) -> bool:
-        """Give the free segment a new number. Returns False if that fails: the file is then gone.
+        """Give the segment a new number, if central has freed it. Return whether it has.
 
-        A segment that a receiver still reads is removed; the receiver's view of it lasts. So is a
-        file that central has restored from the disk, which is not the one that is mapped here.
+        Raises OSError if the segment can't be written again, and removes it. A receiver may still
+        read it, whose view lasts. Or central has restored the file from the disk: it is not the one
+        that is mapped here.
         """
+        new = f"{self._folder}/{number}{NEW}"
         try:
-            if not os.path.samestat(os.stat(self.path(FREE)), os.fstat(self._file)):
-                raise FileNotFoundError(self.path(FREE))
+            os.rename(self.path(FREE), new)
+        except FileNotFoundError:
+            return False
+        self.number = number
+        try:
+            if os.stat(new).st_ino != self._inode:
+                raise FileNotFoundError(new)
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            self.remove(FREE)
-            return False
-        try:
-            old = self.path(FREE)
-            self.number = number
-            os.rename(old, self.path(NEW))
-        except OSError:
-            return False
-        finally:
-            fcntl.flock(self._file, fcntl.LOCK_UN)
+            self.remove(NEW)
+            raise
+        fcntl.flock(self._file, fcntl.LOCK_UN)
         return True
 
     def remove(self, state: str) -> None:

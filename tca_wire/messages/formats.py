@@ -76,6 +76,8 @@ class Format(Generic[T]):
 
         Raises BadData, naming the field, if the receiver could not read it.
         """
+        if self.kind is bytes and isinstance(value, bytes) and len(value) >= LARGE:
+            return LargeData.of_bytes(value)
         try:
             data = self._encoder.encode(value)
         except _UNFIT as error:

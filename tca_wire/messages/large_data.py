@@ -13,6 +13,7 @@ import msgspec
 from tca_wire.errors import BadData, ProtocolError
 from tca_wire.messages.arrays import PartOf, large_value, padded, slices_of, too_large
 from tca_wire.packets.large import (
+    ALIGNMENT,
     LARGE,
     MARK,
     Handle,
@@ -46,14 +47,24 @@ class LargeData(LargeBody):
         self = super().__new__(cls, MARK)
         self.parts = list(parts)
         if len(data) >= LARGE:
-            reference = [size_of(self.parts, is_padded=True), len(data)]
+            offset = size_of(self.parts, is_padded=True)
             self.parts.append(memoryview(data))
-            data = msgspec.msgpack.encode(
-                msgspec.msgpack.Ext(_WHOLE, msgspec.msgpack.encode(reference))
-            )
+            data = _reference(offset, len(data))
         self.data, self.size = data, size_of(self.parts)
         if self.size > Limit.LARGE:
             raise BadData(too_large(self.size, Limit.LARGE))
+        return self
+
+    @classmethod
+    def of_bytes(cls, value: bytes) -> Self:
+        """Create the body of a value of LARGE bytes and more, without a copy of them.
+
+        Their MessagePack begins with a header, which stands at the end of a part of its own.
+        """
+        header = b"\xc6" + len(value).to_bytes(4, "big")
+        before = ALIGNMENT - len(header)
+        self = cls(b"", [memoryview(bytes(before) + header), memoryview(value)])
+        self.data = _reference(before, len(header) + len(value))
         return self
 
     def __reduce__(self) -> Any:
@@ -84,19 +95,23 @@ class LargeData(LargeBody):
 
     def inline(self) -> bytes:
         """Return the data as a body that holds them itself."""
-        content = bytearray(self.size)
-        self.write(memoryview(content))
-        return self.body("") + content
+        return self.body("") + self.content()
 
-    def part(self, offset: int, _: int) -> memoryview:
-        """Return the part at an offset."""
+    def content(self) -> memoryview:
+        """Return the bytes that a segment with these data has."""
+        content = memoryview(bytearray(self.size))
+        self.write(content)
+        return content
+
+    def part(self, offset: int, size: int) -> memoryview:
+        """Return the bytes at an offset: a part, or a copy of bytes of several."""
         at = 0
         for part in self.parts:
             at = padded(at)
-            if at == offset:
+            if at == offset and size == len(part):
                 return part
             at += len(part)
-        raise msgspec.ValidationError(f"no part begins at {offset}")
+        return slices_of(self.content())(offset, size)
 
 
 def size_of(parts: Sequence[memoryview], *, is_padded: bool = False) -> int:
@@ -119,10 +134,8 @@ class OpenedBody(LargeBody):
 
 def detached(data: LargeData) -> OpenedBody:
     """Return a body with a copy of the data in this process, to be stored later."""
-    content = memoryview(bytearray(data.size))
-    data.write(content)
     body = OpenedBody(data.body(_NOWHERE))
-    body.content = content
+    body.content = data.content()
     return body
 
 
@@ -186,6 +199,12 @@ def described(body: bytes) -> tuple[bytes | memoryview, PartOf | None]:
             raise BadData(f"{error}") from None
         whole = _whole(data)
         return (data if whole is None else large_value(whole[1])), None
+
+
+def _reference(offset: int, size: int) -> bytes:
+    """Return MessagePack that refers to that of the whole value, in a segment."""
+    place = msgspec.msgpack.encode((offset, size))
+    return msgspec.msgpack.encode(msgspec.msgpack.Ext(_WHOLE, place))
 
 
 def _whole(data: bytes) -> tuple[int, int] | None:

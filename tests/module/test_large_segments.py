@@ -75,6 +75,10 @@ class Store:
     def free(self, body: bytes) -> None:
         self.move(body, "", ".free")
 
+    def tidy(self) -> None:
+        self.pool._tidy_at = 0.0
+        self.pool.tidy()
+
     def read(self, body: bytes) -> NDArray[np.uint8]:
         found: NDArray[np.uint8] = ARRAY.decode(opened(self.folder, body))
         return found
@@ -318,7 +322,7 @@ def test_few_free_segments_are_kept(store: Store) -> None:
     bodies = [store.hold(store.send(value)) for value in range(20)]
     for body in bodies:
         store.free(body)
-    store.pool.tidy()
+    store.tidy()
     assert len(store.files) == IDLE_SEGMENTS
     assert maps() <= IDLE_SEGMENTS
 
@@ -327,7 +331,7 @@ def test_free_segments_are_bounded_in_bytes(store: Store) -> None:
     bodies = [store.hold(store.send(value, IDLE_BYTES // 3)) for value in range(4)]
     for body in bodies:
         store.free(body)
-    store.pool.tidy()
+    store.tidy()
     assert 0 < sum(path.stat().st_size for path in Path(store.pool.folder).iterdir()) <= IDLE_BYTES
 
 
@@ -388,7 +392,7 @@ def test_threads_share_a_pool(store: Store) -> None:
     for thread in threads:
         thread.join()
     assert not wrong
-    store.pool.tidy()
+    store.tidy()
     assert len(store.files) <= IDLE_SEGMENTS
 
 

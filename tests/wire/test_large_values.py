@@ -29,6 +29,7 @@ from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.vocabulary import Limit
 
 ANY = Format[Any](Any)
+BYTES = Format[bytes](bytes)
 
 
 @dataclass
@@ -94,6 +95,14 @@ def test_large_array_is_not_copied() -> None:
     stored = opened(body)
     got = SCAN.decode(stored)
     assert np.shares_memory(got.depth, np.frombuffer(stored.content or b"", np.uint8))
+
+
+@pytest.mark.parametrize("size", [LARGE, LARGE + 1, 3 * LARGE])
+def test_large_bytes_are_not_copied(size: int) -> None:
+    value = b"\x05" * size
+    body = encoded(value, BYTES)
+    assert any(part.obj is value for part in body.parts)
+    assert {BYTES.decode(body), BYTES.decode(inline(body)), ANY.decode(opened(body))} == {value}
 
 
 def test_body_with_large_data_is_short() -> None:
