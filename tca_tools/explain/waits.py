@@ -329,12 +329,18 @@ def blocking_tasks(
 
 
 def _is_blocked(run: Run, monitor: Task, time: float | None) -> bool:
-    """Whether a constraint blocks a monitor's end. One on a retry's handling does not count."""
+    """Whether a constraint blocks a monitor's end.
+
+    One on a retry's handling does not count. Nor does one on the same end of a child, since the
+    monitor's parent waits for that child anyway, or not at all if the child only watches.
+    """
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
             is_active = time is None or wait.start <= time < wait.end
             is_of_end = wait.blocks in (END_HANDLING, END_ACHIEVING)
-            if is_active and is_of_end and wait.kind is not WaitKind.DELAY:
+            is_by_child = run.tasks[wait.on.number].parent == monitor.id
+            is_same_end = is_by_child and wait.on.moment == wait.blocks
+            if is_active and is_of_end and not is_same_end and wait.kind is not WaitKind.DELAY:
                 return True
     return False
 

@@ -36,6 +36,7 @@ from tca_wire.waits import WaitFor, WaitKind
 OWN_WAITS = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
 """Waits that no other task causes: for a condition, the own handler, or time."""
 ENDS = END_HANDLING | END_ACHIEVING
+WATCHING = WatchOptions(period=100, initial_wait=True)
 
 
 class ComparingPlayer(FoldedPlayer):
@@ -248,17 +249,21 @@ def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
     live(seed)
 
 
-@pytest.mark.parametrize("is_waited_for", [False, True])
-def test_idle_child_is_no_cause_by_a_constraint_on_its_end(is_waited_for: bool) -> None:
+def player_with_monitor() -> ComparingPlayer:
     player = ComparingPlayer.of("planner: goal walk", "legs: command move", "user: query where")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, INTEGER, "", ["where", ""])
     player.request("user", headers.Register, [watch])
+    return player
+
+
+@pytest.mark.parametrize("is_waited_for", [False, True])
+def test_idle_child_is_no_cause_by_a_constraint_on_its_end(is_waited_for: bool) -> None:
+    player = player_with_monitor()
     walk = player.task("user", "walk")
     move = player.task("user", "move", under=walk)
-    watching = WatchOptions(period=100, initial_wait=True)
-    held = replace(watching, waited_for=is_waited_for)
+    held = replace(WATCHING, waited_for=is_waited_for)
     monitor = player.task("user", "watch", watch=held, under=walk, flags=Flags.NONE)
-    child = player.task("user", "watch", watch=watching, under=monitor)
+    child = player.task("user", "watch", watch=WATCHING, under=monitor)
     first, then = (point(one, Moment.END_ACHIEVING) for one in (child, monitor))
     player.request("user", headers.Constrain, [before(first, then, delay=2)])
     player.reply("planner/1")
@@ -266,6 +271,19 @@ def test_idle_child_is_no_cause_by_a_constraint_on_its_end(is_waited_for: bool) 
     named = {wait.number for wait in named_waits(at, waits_now(at, walk), any_outcome=True)}
     assert named == ({move, monitor} if is_waited_for else {move})
     assert child not in {end.number for end in Ends.at(at).of(walk)}
+
+
+def test_child_is_a_cause_rather_than_the_monitor_it_holds() -> None:
+    player = player_with_monitor()
+    walk = player.task("user", "walk")
+    monitor = player.task("user", "watch", watch=WATCHING, under=walk, flags=Flags.NONE)
+    move = player.task("user", "move", under=monitor)
+    first, then = (point(one, Moment.END_HANDLING) for one in (move, monitor))
+    player.request("user", headers.Constrain, [before(first, then)])
+    player.reply("planner/1")
+    at = RunAt(player.history)
+    assert [wait.on.number for wait in waits_now(at, walk)] == [move]
+    assert [end.number for end in Ends.at(at).of(walk)] == [move]
 
 
 def test_watched_life_compares_enough_waits() -> None:
