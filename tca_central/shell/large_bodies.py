@@ -1,6 +1,7 @@
 """Large bodies at central's border: modules without shared memory, and answers on their way."""
 
 from collections import deque
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import msgspec
@@ -27,11 +28,17 @@ class _Sent(NamedTuple):
     body: bytes
 
 
-class _Reader(NamedTuple):
+@dataclass(slots=True)
+class _Reader:
     """A connection with answers to read."""
 
-    read: int  #: bytes since the first answer
-    sent: deque[_Sent]  #: oldest first
+    read: int = 0  #: bytes since the first answer
+    sent: deque[_Sent] = field(default_factory=deque)  #: oldest first
+    held: int = 0  #: bytes of the segments
+
+    def release_oldest(self) -> None:
+        """Hold the oldest answer no longer."""
+        self.held -= self.sent.popleft().size
 
 
 class LargeBodies:
@@ -125,20 +132,21 @@ class LargeBodies:
         """Hold the segment of an answer until its receipt, or until too much is held."""
         bodies = (body.owner.goal, body.owner.data) if isinstance(body.owner, StateChange) else ()
         size = sum(map(held_size, bodies or (body,)))
-        reader = self._readers.setdefault(connection, _Reader(0, deque()))
+        if (reader := self._readers.get(connection)) is None:
+            self._readers[connection] = reader = _Reader()
         end = reader.read + self._outboxes.ahead(connection)
         reader.sent.append(_Sent(end, size, body))
-        while sum(one.size for one in reader.sent) > self._central.budget.unread:
-            reader.sent.popleft()
+        reader.held += size
+        while reader.held > self._central.budget.unread:
+            reader.release_oldest()
 
     def credit(self, connection: ConnectionId, size: int) -> None:
         """Release the answers that a connection has read, with *size* more bytes."""
         if (reader := self._readers.get(connection)) is None:
             return
-        read = reader.read + max(size, 0)
-        while reader.sent and reader.sent[0].end <= read:
-            reader.sent.popleft()
-        self._readers[connection] = reader._replace(read=read)
+        reader.read += max(size, 0)
+        while reader.sent and reader.sent[0].end <= reader.read:
+            reader.release_oldest()
         if not reader.sent:
             del self._readers[connection]
 

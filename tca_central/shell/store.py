@@ -14,8 +14,8 @@ import shutil
 import stat
 import time
 from collections.abc import Container, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from tca_central.shell.kept_data import KeptData
 from tca_central.shell.log_writer import lock
@@ -59,12 +59,13 @@ class StoredBody(LargeBody):
         self.ended.append(self.name)
 
 
-class _Held(NamedTuple):
+@dataclass(slots=True)
+class _Held:
     """A segment that central holds."""
 
     size: int
-    keep: int  #: the flags of all its bodies
-    bodies: int  #: the number of bodies with its name, and of copies to the disk in progress
+    keep: int = 0  #: the flags of all its bodies
+    bodies: int = 0  #: the number of bodies with its name, and of copies to the disk in progress
 
 
 class Store:
@@ -194,14 +195,15 @@ class Store:
             return body
         stored = StoredBody(body)
         stored.name, stored.ended, stored.held = name, self._ended, len(body) + handle.size
-        size, keep, count = self._held.get(name) or (handle.size, 0, 0)
-        wanted = handle.keep & _KEPT
-        self._held[name] = _Held(size, keep | wanted, count + 1)
-        if self.folder is not None:
-            if not count:
+        held, wanted = self._held.get(name), handle.keep & _KEPT
+        if held is None:
+            self._held[name] = held = _Held(handle.size)
+            if self.folder is not None:
                 self._mark_held(name)
-            if wanted & ~keep:
-                self._keep(name, wanted)
+        held.bodies += 1
+        missing, held.keep = wanted & ~held.keep, held.keep | wanted
+        if missing and self.folder is not None:
+            self._keep(name, wanted)
         return stored
 
     def _mark_held(self, name: str) -> None:
@@ -223,10 +225,9 @@ class Store:
         path, held = self._path(name), self._held[name]
         if self._kept is None or not keep or not path.exists():
             return
-        # counted first: the thread that copies may ask at once whether a body is left
-        self._held[name] = held._replace(bodies=held.bodies + 1)
+        held.bodies += 1  # first: the thread that copies may ask at once whether a body is left
         if not self._kept.add(name, path, held.size, Keep(keep)):
-            self._held[name] = held
+            held.bodies -= 1
 
     def flush(self) -> None:
         """Bring the segments of tasks to the disk, if they must be there. Raises CentralError."""
@@ -250,9 +251,8 @@ class Store:
             while ended:
                 name = ended.pop()
                 held = self._held[name]
-                if held.bodies > 1:
-                    self._held[name] = held._replace(bodies=held.bodies - 1)
-                else:
+                held.bodies -= 1
+                if not held.bodies:
                     released.append((name, self._held.pop(name).keep))
         return released
 
