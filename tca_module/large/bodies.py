@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 from tca_module.errors import Refused
-from tca_module.large import mappings
 from tca_module.large.opening import opened
 from tca_module.large.pool import Lease, Pool, join_pool, leave_pool
 from tca_wire.errors import BadData
@@ -110,12 +109,6 @@ class LargeBodies:
         if body[:1] != MARK or isinstance(body, OpenedBody):
             return body
         return opened(self._run[0] if self._pool is not None and self._run else "", body)
-
-    def tidy(self) -> None:
-        """Free memory that is not needed soon."""
-        if self._pool is not None:
-            self._pool.tidy()
-            mappings.tidy()
 
     def close(self) -> None:
         """Use the present store no longer."""

@@ -8,14 +8,15 @@ import fcntl
 import itertools
 import os
 import threading
-import time
 from dataclasses import dataclass
 from weakref import ref
 
 from tca_module.large.segment import FREE, NEW, Segment
+from tca_module.link.late_calls import late_calls
 from tca_wire.messages.large_data import LargeData, OpenedBody
 
-IDLE_SEGMENTS, IDLE_BYTES = 4, 64 << 20  # of free segments that are kept for later
+IDLE_SEGMENTS, IDLE_BYTES = 4, 64 << 20  # of free segments that are kept for the next second
+_IDLE_SHARE = 8  # ... at most an eighth of the shared memory
 _MAPPED = 8  # segments that stay mapped while central holds them; others are used only once
 _TIDY_AFTER = 1.0  # seconds
 _SMALLEST = 256 << 10  # bytes; a segment of that size may be reused for any smaller data
@@ -59,8 +60,10 @@ class Pool:
         self._uses: dict[int, _Use] = {}  #: by the segment's number, the oldest first
         self._mapped: dict[int, Segment] = {}  #: those of the uses that stay mapped
         self._stores_until_look = 0
-        self._tidy_at = 0.0
+        self._has_stored = False  #: whether data were stored since the last ``tidy``
         os.makedirs(self.folder, mode=0o700, exist_ok=True)
+        memory = os.statvfs(store)
+        self._idle_bytes = min(IDLE_BYTES, memory.f_frsize * memory.f_blocks // _IDLE_SHARE)
         self._key = _locked_key(store)
 
     def store(self, data: LargeData, user: object) -> OpenedBody:
@@ -68,7 +71,6 @@ class Pool:
 
         The segment is not written again as long as the body lives.
         """
-        self.tidy()
         with self._lock:
             segment = self._free_segment(data.size)
         if segment is None:
@@ -81,6 +83,9 @@ class Pool:
             self._uses[segment.number] = _Use(ref(lease), user)
             if len(self._mapped) < _MAPPED:
                 self._mapped[segment.number] = segment
+            if not self._has_stored:
+                self._has_stored = True
+                late_calls().add(self.tidy, _TIDY_AFTER)
         return body
 
     def _new_segment(self, size: int) -> Segment:
@@ -158,14 +163,18 @@ class Pool:
             self._remove(number, FREE)
             number_left, size = number_left - 1, size - capacity
 
-    def tidy(self) -> None:
-        """Remove segments that are free and not needed soon. Does so once a second at most."""
-        if not self._uses or (now := time.monotonic()) < self._tidy_at:
-            return
+    def tidy(self) -> bool:
+        """Remove free segments, but for a few if data were stored lately. Return True.
+
+        The thread of late calls calls this each second while the module has segments.
+        """
         with self._lock, contextlib.suppress(OSError):
-            self._tidy_at = now + _TIDY_AFTER
+            has_stored, self._has_stored = self._has_stored, False
             self._look()
-            self._trim(IDLE_SEGMENTS, IDLE_BYTES)
+            self._trim(IDLE_SEGMENTS, self._idle_bytes) if has_stored else self._trim(0, 0)
+            if self._uses:
+                late_calls().add(self.tidy, _TIDY_AFTER)
+        return True
 
     def take_back(self, user: object) -> None:
         """Remove the segments that a connection has sent before it broke, and central never got.

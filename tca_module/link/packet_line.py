@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tca_module.errors import CentralLost
 from tca_module.large.bodies import LargeBodies
-from tca_module.link.late_sends import late_sends
+from tca_module.link.late_calls import late_calls
 from tca_module.log import log_of
 from tca_module.session.request import check_fields
 from tca_module.session.session import QUIET, Session
@@ -157,7 +157,6 @@ class PacketLine:
             self._log.warning(
                 "central at %s sent an invalid packet: %s", self._transport.address, error
             )
-        self.large.tidy()
         while session.complaints:
             self._log.warning("%s", session.complaints.pop(0))
 
@@ -223,7 +222,7 @@ class PacketLine:
         """Have another thread send the outgoing headers if this one has not at the time *until*."""
         if until < self._send_at:
             self._send_at = until
-            late_sends().add(self, until - self.clock())
+            late_calls().add(self.send_held, until - self.clock())
 
     def send_held(self) -> bool:
         """Send the outgoing headers, from another thread; return False if that is not possible."""
