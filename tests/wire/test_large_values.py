@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tca_wire.errors import BadData
-from tca_wire.messages.declarations import Command, Failure, Inform, Retry
+from tca_wire.messages.declarations import Command, Failure, Inform, Query, Retry
 from tca_wire.messages.formats import Format, decode_untyped
 from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, inline
 from tca_wire.packets.large import (
@@ -194,6 +194,18 @@ def test_large_body_is_pickled_with_its_data() -> None:
         assert np.array_equal(ANY.decode(pickle.loads(pickle.dumps(body))), value)
     with pytest.raises(BadData, match="has not opened"):
         ANY.decode(pickle.loads(pickle.dumps(OpenedBody(encoded(value).body("ab/7")))))
+
+
+def test_unreadable_data_are_not_called_a_misfit() -> None:
+    look = Query("look", NDArray[np.uint8], reply=NDArray[np.uint8])
+    body = OpenedBody(encoded(large_array()).body("ab/7"))
+    body.problem = "the data are gone"
+    with pytest.raises(BadData, match=r"^query 'look': the data are gone$"):
+        look.decode_data(body)
+    with pytest.raises(BadData, match=r"^the answer to query 'look': the data are gone$"):
+        look.decode_reply(body)
+    with pytest.raises(BadData, match="came with data that is not of type"):
+        look.decode_data(inline(encoded(large_array(dtype="f4"))))
 
 
 def test_passed_on_data_are_the_same() -> None:
