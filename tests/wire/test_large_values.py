@@ -3,6 +3,7 @@
 import pickle
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -122,6 +123,20 @@ def test_parts_are_aligned(sizes: list[int]) -> None:
     start = memory.__array_interface__["data"][0]
     for array in ANY.decode(stored):
         assert (array.__array_interface__["data"][0] - start) % ALIGNMENT == 0
+
+
+@pytest.mark.parametrize("size", [16, LARGE])
+@pytest.mark.parametrize("kind", [np.memmap, np.matrix, np.recarray])
+def test_array_of_a_subclass_arrives_as_a_plain_one(
+    kind: type[NDArray[Any]], size: int, tmp_path: Path
+) -> None:
+    sent = large_array(size).reshape(4, -1).view(kind)
+    if kind is np.memmap:
+        np.save(tmp_path / "map.npy", sent)
+        sent = np.load(tmp_path / "map.npy", mmap_mode="r")
+    got = ANY.decode(inline(ANY.encode(sent)))
+    assert (type(got), got.shape, got.tobytes()) == (np.ndarray, sent.shape, sent.tobytes())
+    assert SCAN.decode(SCAN.encode(Scan("", large_array(dtype="f4"), [sent]))).marks[0].any()
 
 
 @pytest.mark.parametrize("size", [10, LARGE])
