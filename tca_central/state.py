@@ -450,7 +450,8 @@ class State(Waits):
         if held + TASK_BYTES + size <= most:
             return ""
         self.budget.refused += 1
-        return _over_budget("messages and tasks", held, most, "let handlers catch up, or end tasks")
+        what = f"no room for {size:,} bytes: messages and tasks"
+        return _over_budget(what, held, most, "let handlers catch up, or end tasks")
 
     def check_room(self, size: int) -> None:
         """Raise RequestError if there is no room for a message of *size* bytes."""

@@ -60,6 +60,8 @@ class LocalCentral(Rig):
     ``after`` and the sleeps of tasks use the stepped clock. ``timeout=`` of other waits takes real
     seconds.
 
+    A message holds at most 8 MiB, because no memory is shared.
+
     Args:
         epoch: the name of this run of central. Default: "local".
         check: a function that is called with the core of central after every event; for tests of

@@ -263,7 +263,7 @@ class Limit(IntEnum):
 
     PACKET = 16 << 20
     BODY = 8 << 20
-    LARGE = 256 << 20  # bytes of one segment of large data
+    LARGE = 255 << 20  # bytes of one segment of large data: the default --memory has room for it
     HEADER = 1 << 20
     TOGETHER = 1 << 20  # bytes of a packet to central with several items
     NAME = 128

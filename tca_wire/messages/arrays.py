@@ -98,16 +98,40 @@ def encode_custom(value: Any) -> Any:
     """
     if isinstance(value, int):
         return int(value)
-    if is_array_type(type(value)):
-        if value.nbytes >= LARGE:
-            return _reference_to(value)
-        content = [_description(value.dtype), value.shape, value.tobytes()]
+    if _is_array(value):
+        array = value if is_array_type(type(value)) else _plain(value)
+        if array.nbytes >= LARGE:
+            return _reference_to(array)
+        content = [_description(array.dtype), array.shape, array.tobytes()]
         return msgspec.msgpack.Ext(_NDARRAY, msgspec.msgpack.encode(content))
     dtype: Any = getattr(value, "dtype", None)
-    if type(value).__module__ == "numpy" and dtype.kind in _NUMBERS and dtype.itemsize <= _LARGEST:
+    is_of_numpy = type(value).__module__ == "numpy" and dtype is not None
+    if is_of_numpy and dtype.kind in _NUMBERS and dtype.itemsize <= _LARGEST:
         return value.item()
     suffix = f" (dtype {dtype})" if dtype is not None else ""
     raise TypeError(f"objects of type {type(value).__name__}{suffix} can't be sent")
+
+
+def _is_array(value: Any) -> bool:
+    """Return whether a value is an array, or one of a subclass, such as a ``numpy.memmap``."""
+    return any(map(is_array_type, type(value).__mro__))
+
+
+def _plain(array: Any) -> Any:
+    """Return an array of a subclass as a plain one, uncopied.
+
+    Raises TypeError if that loses something: a mask, or the attributes that others than numpy add.
+    """
+    kind = type(array)
+    is_of_numpy = kind.__module__.partition(".")[0] == "numpy"
+    is_masked = any(base.__name__ == "MaskedArray" for base in kind.__mro__)
+    if is_masked or (not is_of_numpy and getattr(array, "__dict__", None)):
+        lost = "mask" if is_masked else "attributes"
+        raise TypeError(
+            f"an array of type {kind.__name__} can't be sent: it would lose its {lost}; "
+            f"send a plain array, and the {lost} beside it"
+        )
+    return sys.modules["numpy"].asarray(array)
 
 
 def _reference_to(array: Any) -> msgspec.msgpack.Ext:
@@ -238,4 +262,4 @@ def decode_custom(kind: Any, value: Any) -> Any:
 
 def without_content(value: Any) -> Any:
     """Encode an array as None, other values as ``encode_custom`` does."""
-    return None if is_array_type(type(value)) else encode_custom(value)
+    return None if _is_array(value) else encode_custom(value)

@@ -19,6 +19,7 @@ from tca_wire.packets.large import (
     Handle,
     Keep,
     LargeBody,
+    is_large,
     pack_handle,
     unpack_handle,
 )
@@ -169,6 +170,16 @@ def _opened(body: bytes) -> tuple[Handle, memoryview]:
     if isinstance(body, OpenedBody) and body.content is not None:
         return handle, body.content
     raise BadData(body.problem if isinstance(body, OpenedBody) else OpenedBody.problem)
+
+
+def why_unreadable(body: bytes) -> str:
+    """Return why the data of a received body can't be read, whatever their type; or ""."""
+    try:
+        if is_large(body) and not isinstance(body, LargeData):
+            _opened(body)
+    except BadData as error:
+        return f"{error}"
+    return ""
 
 
 def referred(body: bytes) -> tuple[bytes | memoryview, PartOf | None]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.formats import Format
-from tca_wire.messages.large_data import LargeData
+from tca_wire.messages.large_data import LargeData, why_unreadable
 from tca_wire.packets.large import Keep
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import Limit, MessageClass, is_name
@@ -119,6 +119,8 @@ class Message(Generic[D, R], metaclass=Declaring):
             return self.data.decode(data)
         except BadData as error:
             msg = f"{self.title} came with data that is not of type {self.data}: {error}"
+            if why := why_unreadable(data):
+                msg = f"{self.title}: {why}"
             raise BadData(msg) from None
 
     def encode_reply(self, reply: R) -> bytes:
@@ -135,6 +137,8 @@ class Message(Generic[D, R], metaclass=Declaring):
             return self.reply.decode(reply)
         except BadData as error:
             msg = f"the answer to {self.title} is not of type {self.reply}: {error}"
+            if why := why_unreadable(reply):
+                msg = f"the answer to {self.title}: {why}"
             raise BadData(msg) from None
 
     def kept(self, body: bytes, why: Keep = Keep.NOTHING) -> bytes:

@@ -16,9 +16,10 @@ from tca_central.requests import forgetting
 from tca_central.status.topics import TOPICS
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.packets import headers
+from tca_wire.packets.large import LARGE, Handle, held_size, pack_handle
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import Condition, Dropping, MessageClass, Refusal
+from tca_wire.vocabulary import Condition, Dropping, Limit, MessageClass, Refusal
 
 MEMORY = 1 << 20
 
@@ -65,6 +66,15 @@ def test_queued_messages_are_bounded_in_bytes(message: str) -> None:
     player.reply("busy/1")  # one message has ended, so the next one is accepted
     player.request("user", headers.Send, message, body=b"\xc0")
     assert player.central.budget.refused == 1
+
+
+def test_largest_message_fits_the_default_memory() -> None:
+    player = Player.of("busy: inform image", "user")
+    body = pack_handle(Handle("ab/7", Limit.LARGE, 0, bytes(LARGE)))
+    answers = [player.request("user", headers.Send, "image", body=body)[-1] for _ in range(2)]
+    assert isinstance(answers[0], headers.Accepted | headers.Deliver)
+    assert answers[1].refusal is Refusal.OVERLOAD
+    assert answers[1].text.startswith(f"no room for {held_size(body):,} bytes: messages and")
 
 
 def test_unconfirmed_inform_is_dropped_and_counted_over_budget() -> None:

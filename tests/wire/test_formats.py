@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import Enum
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, Self, TypedDict
 
 import msgspec
 import numpy as np
@@ -95,6 +95,19 @@ STRUCTURED = np.dtype(
         ("pair", [("a", "<i2"), ("b", "S4")]),
     ]
 )
+
+
+class Quantity(np.ndarray[Any, np.dtype[np.float64]]):
+    """Numbers with a unit, which a plain array has no place for."""
+
+    unit: str
+
+    def __new__(cls, number: float, unit: str) -> Self:
+        self = np.full(2, number).view(cls)
+        self.unit = unit
+        return self
+
+
 OVERLAPPING = np.dtype({"names": ["a", "b"], "formats": ["<i4", "<i2"], "offsets": [0, 2]})
 
 

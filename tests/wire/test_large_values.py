@@ -3,6 +3,7 @@
 import pickle
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tca_wire.errors import BadData
-from tca_wire.messages.declarations import Command, Failure, Inform, Retry
+from tca_wire.messages.declarations import Command, Failure, Inform, Query, Retry
 from tca_wire.messages.formats import Format, decode_untyped
 from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, inline
 from tca_wire.packets.large import (
@@ -124,6 +125,20 @@ def test_parts_are_aligned(sizes: list[int]) -> None:
         assert (array.__array_interface__["data"][0] - start) % ALIGNMENT == 0
 
 
+@pytest.mark.parametrize("size", [16, LARGE])
+@pytest.mark.parametrize("kind", [np.memmap, np.matrix, np.recarray])
+def test_array_of_a_subclass_arrives_as_a_plain_one(
+    kind: type[NDArray[Any]], size: int, tmp_path: Path
+) -> None:
+    sent = large_array(size).reshape(4, -1).view(kind)
+    if kind is np.memmap:
+        np.save(tmp_path / "map.npy", sent)
+        sent = np.load(tmp_path / "map.npy", mmap_mode="r")
+    got = ANY.decode(inline(ANY.encode(sent)))
+    assert (type(got), got.shape, got.tobytes()) == (np.ndarray, sent.shape, sent.tobytes())
+    assert SCAN.decode(SCAN.encode(Scan("", large_array(dtype="f4"), [sent]))).marks[0].any()
+
+
 @pytest.mark.parametrize("size", [10, LARGE])
 def test_array_arrives_read_only(size: int) -> None:
     for form in (inline(ANY.encode(large_array(size))), ANY.encode(large_array(size))):
@@ -194,6 +209,18 @@ def test_large_body_is_pickled_with_its_data() -> None:
         assert np.array_equal(ANY.decode(pickle.loads(pickle.dumps(body))), value)
     with pytest.raises(BadData, match="has not opened"):
         ANY.decode(pickle.loads(pickle.dumps(OpenedBody(encoded(value).body("ab/7")))))
+
+
+def test_unreadable_data_are_not_called_a_misfit() -> None:
+    look = Query("look", NDArray[np.uint8], reply=NDArray[np.uint8])
+    body = OpenedBody(encoded(large_array()).body("ab/7"))
+    body.problem = "the data are gone"
+    with pytest.raises(BadData, match=r"^query 'look': the data are gone$"):
+        look.decode_data(body)
+    with pytest.raises(BadData, match=r"^the answer to query 'look': the data are gone$"):
+        look.decode_reply(body)
+    with pytest.raises(BadData, match="came with data that is not of type"):
+        look.decode_data(inline(encoded(large_array(dtype="f4"))))
 
 
 def test_passed_on_data_are_the_same() -> None:

@@ -13,8 +13,10 @@ from dev.benchmarks.messages.own.library import HEARD, MOVE, PING, POSE, SEEN, S
 from dev.benchmarks.messages.own.zeromq import Socket, socket
 from dev.benchmarks.messages.processes import address_in
 from tca_wire.constraints import Flags
+from tca_wire.messages.large_data import inline
 from tca_wire.packets import codec, headers
 from tca_wire.packets.credit import Receipts
+from tca_wire.packets.large import is_large
 from tca_wire.packets.parts import EndedRun, HandlerFormat
 from tca_wire.points import Moment, Point, TaskId
 
@@ -98,9 +100,7 @@ def serve_lines(lines: list[Socket]) -> None:
 
 
 def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
-    """Return the answers to the next packet. All messages that are not tasks get one common
-    answer.
-    """
+    """Return the answers to the next packet: one for all messages that are no tasks, nor large."""
     items: list[tuple[Any, bytes]] = []
     ended: list[EndedRun] = []
     replies: list[bytes] = []
@@ -109,7 +109,7 @@ def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
             items.append((headers.Recalled([]), b""))  # this slot has started all of its messages
         elif isinstance(header, headers.Deliver):
             reply = handle(line, header.message, body, counts)
-            if header.task:
+            if header.task or is_large(reply):
                 items.append((headers.Reply(header.delivery), reply))
             else:
                 ended.append(EndedRun(header.delivery, 0.0, 0.0, len(reply)))
@@ -167,7 +167,7 @@ class BareEnds(Contestant):
         return headers.Send(next(self.numbers), message.name), body
 
     def round_trip(self, number: int, size: int) -> list[float]:
-        body = PING[1].encode_data(body_of(size))
+        body = inline(PING[1].encode_data(body_of(size)))
         return timed(number, lambda: self._ask([self._question(PING[1], body)]))
 
     def pipelined(self, number: int, slots: int) -> None:
