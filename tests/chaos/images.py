@@ -172,7 +172,8 @@ def run(name: str, size: int, seed: int, folder: str) -> None:
     logging.basicConfig(format="%(asctime)s %(process)d %(message)s", level=logging.INFO)
     notebook = Notebook(Path(folder), name)
     if name in MODULES:
-        MODULES[name](notebook, size).run(patience=PATIENCE)
+        with suppress(NotSent):  # it was ended soon after a crash of central: the log says how many
+            MODULES[name](notebook, size).run(patience=PATIENCE)
     else:
         Sender(name, notebook, size, seed).live()
 
