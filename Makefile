@@ -1,10 +1,10 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
 # lint   format, lint, types, docs                                  bench   what messages cost here
 # check  lint, and tests with coverage                              speed  the same beside others, and its page
-# soak   all tests, the long ones too, on new random lives            clean   away with what the others made
+# soak   all tests, on new random lives; then those of compiled        clean   away with what the others made
 # docs   the site of the documents, in build/site
 # pictures  the pictures of the documents, from real runs: a quarter of an hour on a quiet machine
-# compiled  a wheel with central's core as machine code, in build/wheel; the tests of central with it
+# compiled  a wheel with machine code (central's core, the library's line) in build/wheel; their tests with it
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
@@ -41,6 +41,7 @@ speed: $(READY)
 
 soak: $(READY)
 	$(BIN)/python -m pytest -m "" --new-lives $(IN_PAIRS)
+	$(MAKE) compiled
 
 docs: $(READY)
 	$(BIN)/python -m dev.site

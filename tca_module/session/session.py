@@ -15,7 +15,7 @@ declared again (``redeclaration``).
 
 from collections import deque
 from collections.abc import Callable, Collection
-from typing import Any, ClassVar
+from typing import Any
 from weakref import WeakValueDictionary
 
 import msgspec
@@ -314,7 +314,7 @@ class Session(OpenRequests):
     def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:
         """Process a header from central."""
         self.heard = now
-        self._ON[type(header)](self, header, body)
+        _ON[type(header)](self, header, body)
 
     def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
         was_welcomed, is_new_epoch = bool(self.epoch), header.epoch != self.epoch
@@ -545,27 +545,29 @@ class Session(OpenRequests):
             )
         self.break_off()
 
-    _ON: ClassVar[dict[type, Callable[["Session", Any, bytes], None]]] = {
-        headers.Welcome: _on_welcome,
-        headers.Accepted: _on_accepted,
-        headers.TasksMade: _on_tasks_made,
-        headers.Refused: _on_refused,
-        headers.Answer: _on_answer,
-        headers.Deliver: _on_deliver,
-        headers.Cancelled: lambda self, header, _: self.open_deliveries.kill(
-            header.delivery, header.why
-        ),
-        headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
-            header.delivery, is_suspended=header.is_suspended
-        ),
-        Requested: lambda self, header, body: self.pending_calls.extend(
-            self.open_deliveries.request(header, body)
-        ),
-        headers.Recall: lambda self, header, _: self.return_prefetched(header.deliveries),
-        headers.Taken: _on_taken,
-        headers.Replace: _on_replace,
-        headers.Beat: lambda *_: None,
-        headers.Unknown: _on_unknown,
-        headers.Closing: _on_closing,
-    }
-    """One handler per type of header from central."""
+
+# ruff: noqa: SLF001 - the methods are named after their class, as mypyc demands (decision 128)
+_ON: dict[type, Callable[[Session, Any, bytes], None]] = {
+    headers.Welcome: Session._on_welcome,
+    headers.Accepted: Session._on_accepted,
+    headers.TasksMade: Session._on_tasks_made,
+    headers.Refused: Session._on_refused,
+    headers.Answer: Session._on_answer,
+    headers.Deliver: Session._on_deliver,
+    headers.Cancelled: lambda self, header, _: self.open_deliveries.kill(
+        header.delivery, header.why
+    ),
+    headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
+        header.delivery, is_suspended=header.is_suspended
+    ),
+    Requested: lambda self, header, body: self.pending_calls.extend(
+        self.open_deliveries.request(header, body)
+    ),
+    headers.Recall: lambda self, header, _: self.return_prefetched(header.deliveries),
+    headers.Taken: Session._on_taken,
+    headers.Replace: Session._on_replace,
+    headers.Beat: lambda *_: None,
+    headers.Unknown: Session._on_unknown,
+    headers.Closing: Session._on_closing,
+}
+"""The method that processes each type of header from central."""

@@ -17,7 +17,7 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, RequestReceived, Transmit
 from tca_module.session import given_up
 from tca_module.session.request import Request
-from tca_module.session.session import CONFIRM_EVERY, QUIET, Session
+from tca_module.session.session import _ON, CONFIRM_EVERY, QUIET, Session
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import (
@@ -72,7 +72,7 @@ def session(greeting: Session) -> Session:
 
 def test_session_handles_every_header_of_central() -> None:
     for kind in headers.ToModule.__args__:
-        assert kind in Session._ON
+        assert kind in _ON
 
 
 # --- Hello ----------------------------------------------------------------------------------------
