@@ -1,8 +1,8 @@
 """Copies segments of shared memory to the disk, in a thread of its own.
 
 Beside the journal, ``data/EPOCH`` has the segments of messages with ``journal=True``, as long as
-the journal. ``held/EPOCH`` has those of goals and commands, until central releases them: they are
-restored from there if the computer loses its memory.
+the journal. ``held/EPOCH`` has those of goals, commands and variables, until central releases them:
+they are restored from there if they are missing in the memory.
 """
 
 import contextlib
@@ -10,9 +10,8 @@ import logging
 import os
 import shutil
 import threading
-import time
 from collections import deque
-from collections.abc import Callable, Container
+from collections.abc import Container
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,9 +21,6 @@ from tca_central.shell.log_writer import Sync, sync_path
 from tca_wire.packets.large import DATA_FOLDER, HELD_FOLDER, Keep
 
 log = logging.getLogger("tca.central")
-
-DELAY = 0.5
-"""Seconds before the segment of a task is copied: most tasks with large data end sooner."""
 
 MOST_PENDING = 256 << 20
 """Bytes that may wait for the disk. Beyond them, messages with ``journal=True`` lose their data."""
@@ -37,7 +33,6 @@ class _Copy(NamedTuple):
     path: Path  #: the segment
     size: int
     keep: Keep
-    due: float
 
 
 class KeptData:
@@ -47,20 +42,23 @@ class KeptData:
         folder: The folder of the journal.
         epoch: The run.
         sync: When copies must be on the disk: with ``always``, those of tasks are there before the
-            messages of the same turn leave; with ``batch``, within about a second.
+            messages of the same turn leave.
         keeps_tasks: Whether the run can continue, so that segments of tasks are copied, too.
     """
 
     def __init__(self, folder: Path, epoch: str, sync: Sync, *, keeps_tasks: bool = True) -> None:
-        self._keeps_tasks = keeps_tasks
+        self.folder, self.keeps_tasks = folder.absolute(), keeps_tasks
+        #: Whether the segments of tasks must be on the disk at once.
+        self.is_prompt = sync is Sync.ALWAYS
         self._data, self._tasks = folder / DATA_FOLDER / epoch, folder / HELD_FOLDER / epoch
         self._sync = sync
-        self._delay = 0.0 if sync is Sync.ALWAYS else DELAY
         self.ended: list[str] = []  #: names of segments that were copied, or need no copy
-        self._is_needed: Callable[[str], bool] = lambda _: True
+        self.failed: list[
+            str
+        ] = []  #: names of segments whose copies failed, and may be tried again
+        self._held: set[str] = set()  #: names of the copies of tasks' segments
         self._changed = threading.Condition()
-        self._now: deque[_Copy] = deque()  #: copies for the journal
-        self._later: deque[_Copy] = deque()  #: copies of tasks' segments
+        self._copies: deque[_Copy] = deque()  #: to make, oldest first
         self._busy: _Copy | None = None
         self._pending = 0  #: bytes of copies to make
         self._is_closing = False
@@ -68,16 +66,12 @@ class KeptData:
         self._warnings = LogLimit(log)
         self._thread: threading.Thread | None = None
 
-    def start(self, is_needed: Callable[[str], bool]) -> None:
-        """Set the function that tells whether a segment is still needed by a task."""
-        self._is_needed = is_needed
-
     def add(self, name: str, path: Path, size: int, keep: Keep) -> bool:
         """Copy a segment soon. Return False if no copy is made, or too much waits for the disk.
 
         The segment must stay until its name is in ``ended``.
         """
-        if not self._keeps_tasks:
+        if not self.keeps_tasks:
             keep &= ~Keep.TASK
         if not keep or (self._folder_of(keep) / name).exists():
             return False
@@ -93,8 +87,7 @@ class KeptData:
             self._thread.start()
         with self._changed:
             self._pending += size
-            copies = self._now if keep & Keep.JOURNAL else self._later
-            copies.append(_Copy(name, path, size, keep, time.monotonic() + self._delay))
+            self._copies.append(_Copy(name, path, size, keep))
             self._changed.notify_all()
         return True
 
@@ -103,7 +96,7 @@ class KeptData:
 
     def flush(self) -> None:
         """With ``always``, wait until tasks' segments are on the disk. Raises CentralError."""
-        if self._sync is not Sync.ALWAYS or not self._pending:
+        if not self.is_prompt or not self._pending:
             return
         with self._changed:
             self._changed.wait_for(lambda: not self._has_task)
@@ -115,23 +108,25 @@ class KeptData:
 
     @property
     def _has_task(self) -> bool:
-        copies = (*self._now, *self._later, *([self._busy] if self._busy is not None else []))
+        copies = (*self._copies, *([self._busy] if self._busy is not None else []))
         return any(one.keep & Keep.TASK for one in copies)
 
-    def release(self, name: str, keep: Keep) -> None:
-        """Remove the copy of a task's segment, unless the journal has it."""
-        if keep & Keep.TASK and not keep & Keep.JOURNAL:
+    def release(self, name: str) -> None:
+        """Remove the copy of a task's segment, if there is one."""
+        if name in self._held:
+            self._held.discard(name)
             path = self._tasks / name
-            with contextlib.suppress(OSError):  # there may be no copy
+            with contextlib.suppress(OSError):
                 path.unlink()
                 path.parent.rmdir()
 
     def remove_all_but(self, held: Container[str]) -> None:
         """Remove the copies of tasks' segments whose names are not *held*."""
-        for path in list(self._tasks.glob("*/*")):
-            if f"{path.parent.name}/{path.name}" not in held:
-                with contextlib.suppress(OSError):
-                    path.unlink()
+        found = {f"{path.parent.name}/{path.name}" for path in self._tasks.glob("*/*")}
+        self._held |= found
+        for name in found:
+            if name not in held:
+                self.release(name)
 
     def restore(self, name: str, path: Path) -> None:
         """Restore a segment that is missing in the memory, if there is a copy."""
@@ -150,7 +145,7 @@ class KeptData:
             with self._changed:
                 self._is_closing = True
                 if is_over:
-                    self._later.clear()
+                    self._copies = deque(one for one in self._copies if one.keep & Keep.JOURNAL)
                 self._changed.notify_all()
             self._thread.join()
         if is_over:
@@ -163,26 +158,16 @@ class KeptData:
     def _run(self) -> None:
         while True:
             with self._changed:
-                while (one := self._next()) is None:
-                    if self._is_closing:
-                        return
-                    left = self._later[0].due - time.monotonic() if self._later else None
-                    self._changed.wait(left)
-                self._busy = one
-            if one.keep & Keep.JOURNAL or self._is_needed(one.name):
-                self._make(one)
+                self._changed.wait_for(lambda: self._copies or self._is_closing)
+                if not self._copies:
+                    return
+                self._busy = one = self._copies.popleft()
+            self._make(one)
             with self._changed:
                 self._busy = None
                 self._pending -= one.size
                 self.ended.append(one.name)
                 self._changed.notify_all()
-
-    def _next(self) -> _Copy | None:
-        """Remove and return the next copy to make now."""
-        if self._now:
-            return self._now.popleft()
-        is_due = self._later and (self._is_closing or self._later[0].due <= time.monotonic())
-        return self._later.popleft() if is_due else None
 
     def _make(self, one: _Copy) -> None:
         target = self._folder_of(one.keep) / one.name
@@ -190,12 +175,16 @@ class KeptData:
             target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             copy(one.path, target, one.size, sync=self._sync is not Sync.NONE)
         except OSError as error:
-            if one.keep & Keep.TASK and self._sync is Sync.ALWAYS:
+            if one.keep & Keep.TASK and self.is_prompt:
                 self._error = error
                 return
+            self.failed.append(one.name)
             self._warnings.warning(
                 "failed", "large data of a message can't be copied to %s: %s", target, error
             )
+            return
+        if not one.keep & Keep.JOURNAL:
+            self._held.add(one.name)
 
 
 def copy(source: Path, target: Path, size: int, *, sync: bool = False) -> None:

@@ -38,14 +38,14 @@ class Sync(StrEnum):
     NONE = "none"
 
 
-def lock(file: int) -> None:
+def lock(file: int, patience: float = LOCK_PATIENCE) -> None:
     """Lock a file until this process ends.
 
-    If the file is locked, wait up to LOCK_PATIENCE: a killed central's child that writes an image
-    has the lock a little longer. Raises BlockingIOError if another process keeps the lock, OSError
-    where there are no locks.
+    If the file is locked, wait up to *patience* seconds: a killed central's child that writes an
+    image has the lock a little longer. Raises BlockingIOError if another process keeps the lock,
+    OSError where there are no locks.
     """
-    until = time.monotonic() + LOCK_PATIENCE
+    until = time.monotonic() + patience
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -6,17 +6,17 @@ turn, when the log of the turn has been written.
 """
 
 import contextlib
-import fcntl
 import logging
+import math
 import os
 import re
 import shutil
-import stat
 import time
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tca_central.shell.dead_stores import JOURNAL, KEY, DeadStores, open_folder
 from tca_central.shell.kept_data import KeptData
 from tca_central.shell.log_writer import lock
 from tca_wire.errors import ProtocolError
@@ -25,12 +25,6 @@ from tca_wire.packets.large import Handle, Keep, LargeBody, pack_handle, unpack_
 log = logging.getLogger("tca.central")
 
 ROOT = Path("/dev/shm")  # noqa: S108 - the folder inside is private
-KEY = "key"
-"""The file that holds the epoch. A module that can read it shares memory with central.
-
-Modules lock it, so that no other central removes the folder while this one is away.
-"""
-
 _INCARNATION = re.compile(r"[0-9a-f]{1,32}")
 OWN = "0"
 """The folder of segments that central itself makes, in place of an incarnation."""
@@ -40,6 +34,15 @@ NEW, FREE = ".new", ".free"
 
 CLEANED_EVERY = 30.0
 """Seconds between two searches for the folders of dead centrals: their modules may end later."""
+
+SAVED_IN = 60.0
+"""Seconds to wait for another central that saves the data of this run at present."""
+
+DELAY = 0.5
+"""Seconds before the segment of a task is copied: most tasks with large data end sooner."""
+
+TRIED_AGAIN = 5.0
+"""Seconds after which a failed copy is tried again: the disk may have been full."""
 
 ORPHANED = 30.0
 """Seconds after a restart for which segments stay that no message of the state refers to.
@@ -86,6 +89,8 @@ class Store:
         #: Incarnations that share memory: each has a folder, which tells the next central.
         self._sharing: set[str] = set()
         self._orphans: dict[str, float] = {}  #: by name: when to release it
+        self._due: dict[str, float] = {}  #: by name: when to copy it to the disk, if it is held
+        self._dead: DeadStores | None = None
         self._next_cleaning = 0.0  #: when to search for the folders of dead centrals again
         self._made = 0  #: the number of the newest segment of central itself
         self._kept: KeptData | None = None
@@ -103,33 +108,28 @@ class Store:
         try:
             self._lock = _locked_folder(folder)
             (folder / KEY).write_text(epoch)
+            if kept is not None and kept.keeps_tasks:
+                (folder / JOURNAL).write_bytes(os.fsencode(kept.folder))
             (folder / OWN).mkdir(exist_ok=True, mode=0o700)
         except OSError as error:
             log.info("no shared memory for large data: %s", error)
             self._close_lock()
             return
         self.folder, self._kept = folder, kept
-        if kept is not None:
-            kept.start(self.is_needed)
         self._made = time.time_ns() // 1000
-        self._clean(time.monotonic())
+        self._dead = DeadStores(self._root, folder, None if kept is None else kept.folder)
         self._reconcile()
-
-    def _clean(self, now: float) -> None:
-        """Remove the folders of dead centrals."""
-        self._next_cleaning = now + CLEANED_EVERY
-        _remove_dead(self._root, self._folder)
 
     def _reconcile(self) -> None:
         """Adapt the files to a recovered state, which counts as no messages in a new run."""
         self._count_ended()
+        if self._kept is not None:
+            self._kept.remove_all_but(self._held)
         for name, held in list(self._held.items()):
             self._mark_held(name)
             if self._kept is not None and not self._path(name).exists():
                 self._kept.restore(name, self._path(name))
             self._keep(name, held.keep)
-        if self._kept is not None:
-            self._kept.remove_all_but(self._held)
         self._sharing.update(self._incarnations())
         due = time.monotonic() + ORPHANED
         for incarnation in self._incarnations():
@@ -140,8 +140,10 @@ class Store:
                     (self._folder / OWN / file).unlink(missing_ok=True)
 
     def close(self, *, is_over: bool) -> None:
-        """Stop. If the run *is_over*, remove the folder."""
+        """Stop. If the run *is_over*, remove the folder; else copy the segments of tasks first."""
         if self._kept is not None:
+            if self.folder is not None and not is_over:
+                self._copy_due(math.inf)
             self._kept.close(is_over=is_over)
         if self.folder is not None and is_over:
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -221,13 +223,28 @@ class Store:
             return
 
     def _keep(self, name: str, keep: int) -> None:
-        """Copy a segment to the disk, if *keep* says so. The copy counts as a body."""
-        path, held = self._path(name), self._held[name]
-        if self._kept is None or not keep or not path.exists():
+        """Copy a segment to the disk, if *keep* says so: now, or when it has been held a while."""
+        if self._kept is None or not keep:
             return
-        held.bodies += 1  # first: the thread that copies may ask at once whether a body is left
-        if not self._kept.add(name, path, held.size, Keep(keep)):
-            held.bodies -= 1
+        if keep & Keep.JOURNAL or self._kept.is_prompt:
+            self._copy(name, keep)
+        else:
+            self._due[name] = time.monotonic() + DELAY
+
+    def _copy_due(self, now: float) -> None:
+        """Copy the segments that are due, and still held. Note which copies to try again."""
+        while self._kept is not None and self._kept.failed:
+            self._due[self._kept.failed.pop()] = now + TRIED_AGAIN
+        for name in [name for name, due in self._due.items() if due <= now]:
+            del self._due[name]
+            if (held := self._held.get(name)) is not None:
+                self._copy(name, held.keep)
+
+    def _copy(self, name: str, keep: int) -> None:
+        """Have a segment copied to the disk. The copy counts as a body."""
+        path, held = self._path(name), self._held[name]
+        if self._kept is not None and path.exists():
+            held.bodies += self._kept.add(name, path, held.size, Keep(keep))
 
     def flush(self) -> None:
         """Bring the segments of tasks to the disk, if they must be there. Raises CentralError."""
@@ -238,13 +255,13 @@ class Store:
         """Release the segments that are needed no more. *modules* are the known incarnations."""
         if not self._ended and (self._kept is None or not self._kept.ended):
             return
-        for name, keep in self._count_ended():
+        for name in self._count_ended():
             if self.folder is not None:
-                if keep and self._kept is not None:
-                    self._kept.release(name, Keep(keep))
+                if self._kept is not None:
+                    self._kept.release(name)
                 self._release(name, modules)
 
-    def _count_ended(self) -> list[tuple[str, int]]:
+    def _count_ended(self) -> list[str]:
         """Count the bodies that have ended. Return the segments that none is left of."""
         released = []
         for ended in (self._ended, [] if self._kept is None else self._kept.ended):
@@ -253,13 +270,9 @@ class Store:
                 held = self._held[name]
                 held.bodies -= 1
                 if not held.bodies:
-                    released.append((name, self._held.pop(name).keep))
+                    del self._held[name]
+                    released.append(name)
         return released
-
-    def is_needed(self, name: str) -> bool:
-        """Whether a message needs a segment that is being copied. Other threads may call this."""
-        held = self._held.get(name)
-        return held is not None and held.bodies > 1
 
     def _release(self, name: str, modules: Container[str]) -> None:
         """Give a segment back to its module, or remove it if the module has left."""
@@ -273,12 +286,17 @@ class Store:
             return
 
     def sweep(self, modules: Container[str]) -> None:
-        """Remove what modules have left behind. Release segments of requests that were lost."""
+        """Remove what modules have left behind. Release segments of requests that were lost.
+
+        Copy the segments of tasks that have been held a while to the disk. Called once a second.
+        """
         if self.folder is None:
             return
         now = time.monotonic()
-        if now >= self._next_cleaning:
-            self._clean(now)
+        if self._dead is not None and now >= self._next_cleaning:
+            self._next_cleaning = now + CLEANED_EVERY
+            self._dead.remove()
+        self._copy_due(now)
         for name in [name for name, due in self._orphans.items() if due <= now]:
             del self._orphans[name]
             if name not in self._held:
@@ -340,39 +358,12 @@ def _locked_folder(folder: Path) -> int:
     """Create and lock a private folder. Return the lock's file. Raises OSError."""
     while True:
         folder.mkdir(exist_ok=True, mode=0o700)
-        locked = _open_folder(folder)
+        locked = open_folder(folder)
         try:
-            lock(locked)
+            lock(locked, SAVED_IN)
             if os.fstat(locked).st_nlink and folder.exists():
                 return locked  # else another central has just removed it as a dead one's
         except OSError:
             os.close(locked)
             raise
         os.close(locked)
-
-
-def _open_folder(folder: Path) -> int:
-    """Open a folder that only this user may use. Raises OSError."""
-    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    found = os.fstat(opened)
-    if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
-        os.close(opened)
-        msg = f"{folder} belongs to another user"
-        raise PermissionError(msg)
-    return opened
-
-
-def _remove_dead(root: Path, own: Path) -> None:
-    """Remove the folders of this user's centrals that neither run nor have modules left."""
-    for folder in root.glob(f"tca-{os.getuid()}-*"):
-        if folder == own:
-            continue
-        with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
-            files = [_open_folder(folder)]
-            opened.callback(os.close, files[0])
-            with contextlib.suppress(FileNotFoundError):
-                files.append(os.open(folder / KEY, os.O_RDONLY | os.O_CLOEXEC))
-                opened.callback(os.close, files[1])
-            for file in files:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(folder, ignore_errors=True)

@@ -107,7 +107,8 @@ class Message(Generic[D, R], metaclass=Declaring):
             msg = f"{self.title} is declared without data, but got {data!r:.60}"
             raise BadData(msg)
         try:
-            why = Keep.TASK if self.message_class.is_task else Keep.NOTHING
+            is_kept = self.message_class.is_task or self.message_class.keeps_value
+            why = Keep.TASK if is_kept else Keep.NOTHING
             return self.kept(self.data.encode(data), why)
         except BadData as error:
             msg = f"{self.title} wants data of type {self.data}: {error}"

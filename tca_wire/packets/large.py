@@ -32,7 +32,7 @@ class Keep(IntFlag):
     """Why the bytes of a segment are also written to the disk."""
 
     NOTHING = 0
-    TASK = 1  # of a goal or command: until the task has ended
+    TASK = 1  # of a goal, command or variable: until central releases it
     JOURNAL = 2  # for replay and export: as long as the journal
 
 

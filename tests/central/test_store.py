@@ -5,6 +5,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -70,6 +71,19 @@ class Shared:
         return sorted(
             str(path.relative_to(self.folder)) for path in self.folder.glob("*/*") if path.is_file()
         )
+
+    def sweep(self) -> None:
+        """Do what central does each second, and wait until folders of dead centrals are removed."""
+        self.store._next_cleaning = 0.0
+        self.store.settle(self.modules)
+        self.store.sweep(self.modules)
+        assert self.store._dead is not None
+        assert self.store._dead._thread is not None
+        self.store._dead._thread.join()
+
+    def kill(self) -> None:
+        """Leave the folder as a killed central does."""
+        self.store._close_lock()
 
     def close(self) -> None:
         self.store.close(is_over=False)
@@ -160,13 +174,14 @@ def test_folder_is_private_and_names_its_run(shared: Shared) -> None:
     assert (shared.folder / "key").read_text() == "run"
 
 
-def test_start_removes_folders_of_dead_centrals(tmp_path: Path) -> None:
+def test_central_removes_folders_of_dead_centrals(tmp_path: Path) -> None:
     dead, living = Shared(tmp_path, "dead"), Shared(tmp_path, "living")
     dead.write("a1/1")
     dead.close()
     other_users = tmp_path / f"tca-{os.getuid() + 1}-dead"
     other_users.mkdir()
     own = Shared(tmp_path)
+    own.sweep()
     assert not dead.folder.exists()
     assert living.folder.exists()
     assert own.folder.exists()
@@ -175,18 +190,15 @@ def test_start_removes_folders_of_dead_centrals(tmp_path: Path) -> None:
         one.close()
 
 
-def test_folder_of_a_dead_central_stays_for_its_modules(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(store, "CLEANED_EVERY", 0.0)
+def test_folder_of_a_dead_central_stays_for_its_modules(tmp_path: Path) -> None:
     dead = Shared(tmp_path, "dead")
     module = Pool(str(dead.folder), "b1")
     dead.close()
     own = Shared(tmp_path)
-    own.store.sweep({})
+    own.sweep()
     assert dead.folder.exists()
     module.close()
-    own.store.sweep({})
+    own.sweep()
     assert not dead.folder.exists()
     own.close()
 
@@ -422,7 +434,7 @@ def test_report_of_a_state_holds_its_segments(shared: Shared, border: LargeBodie
 
 @pytest.fixture
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[KeptData]:
-    monkeypatch.setattr(kept_data, "DELAY", 0.0)
+    monkeypatch.setattr(store, "DELAY", 0.0)
     (tmp_path / "journal").mkdir()
     copies = KeptData(tmp_path / "journal", "run", Sync.BATCH)
     yield copies
@@ -440,6 +452,7 @@ def test_kept_segments_are_copied(tmp_path: Path, kept: KeptData) -> None:
         shared.store.adopt(shared.write(f"a1/{number}", keep=keep))
         for number, keep in enumerate(keeps)
     ]
+    shared.sweep()
     expected = ["data/run/a1/2", "data/run/a1/3", "held/run/a1/1"]
     wait_until(lambda: copied(journal) == expected)
     assert {(journal / name).read_bytes() for name in expected} == {DATA}
@@ -449,23 +462,27 @@ def test_kept_segments_are_copied(tmp_path: Path, kept: KeptData) -> None:
     shared.close()
 
 
-def test_short_tasks_are_not_copied(
-    tmp_path: Path, kept: KeptData, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kept._delay = 3600.0
-    shared = Shared(tmp_path, kept=kept)
+def test_segment_of_a_short_task_is_free_at_once(tmp_path: Path) -> None:
+    shared = Shared(tmp_path, kept=KeptData(tmp_path / "journal", "run", Sync.BATCH))
     body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
     del body
-    assert shared.files() == ["a1/1"]
-    kept.close(is_over=False)
     assert shared.files() == ["a1/1.free"]
-    assert copied(tmp_path / "journal") == []
     shared.close()
+    assert copied(tmp_path / "journal") == []
+
+
+def test_stop_copies_the_data_of_tasks_first(tmp_path: Path) -> None:
+    shared = Shared(tmp_path, kept=KeptData(tmp_path / "journal", "run", Sync.BATCH))
+    body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
+    shared.close()
+    assert copied(tmp_path / "journal") == ["held/run/a1/1"]
+    del body
 
 
 def test_segments_of_tasks_are_restored(tmp_path: Path, kept: KeptData) -> None:
     first, journal = Shared(tmp_path, kept=kept), tmp_path / "journal"
     bodies = [first.store.adopt(first.write(f"a1/{one}", keep=Keep.TASK)) for one in (1, 2)]
+    first.sweep()
     wait_until(lambda: copied(journal) == ["held/run/a1/1", "held/run/a1/2"])
     first.close()
     for name in ("a1/1", "a1/2"):
@@ -480,25 +497,6 @@ def test_segments_of_tasks_are_restored(tmp_path: Path, kept: KeptData) -> None:
     again.close(is_over=True)
     assert copied(journal) == []
     del bodies, body
-
-
-class PromptCopies(KeptData):
-    """Makes each copy before the store goes on."""
-
-    def add(self, name: str, path: Path, size: int, keep: Keep) -> bool:
-        is_added = super().add(name, path, size, keep)
-        wait_until(lambda: name in self.ended)
-        return is_added
-
-
-def test_segment_is_copied_when_its_copy_begins_at_once(tmp_path: Path) -> None:
-    journal = tmp_path / "journal"
-    shared = Shared(tmp_path, kept=PromptCopies(journal, "run", Sync.ALWAYS))
-    body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
-    assert copied(journal) == ["held/run/a1/1"]
-    del body
-    assert shared.files() == ["a1/1.free"]
-    shared.close()
 
 
 def test_tasks_are_on_the_disk_at_once_when_always(tmp_path: Path) -> None:
@@ -516,7 +514,7 @@ def test_tasks_are_on_the_disk_at_once_when_always(tmp_path: Path) -> None:
 def test_failed_copy_stops_central_only_when_always(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, sync: Sync
 ) -> None:
-    monkeypatch.setattr(kept_data, "DELAY", 0.0)
+    monkeypatch.setattr(store, "DELAY", 0.0)
     (tmp_path / "held").write_text("no folder")
     shared = Shared(tmp_path, kept=KeptData(tmp_path, "run", sync))
     body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
@@ -524,12 +522,74 @@ def test_failed_copy_stops_central_only_when_always(
         with pytest.raises(CentralError, match="central stops"):
             shared.store.flush()
     else:
-        shared.store.flush()
+        shared.sweep()
         wait_until(lambda: "can't be copied" in caplog.text)
     assert shared.files() == ["a1/1"]
     del body
     wait_until(lambda: shared.files() == ["a1/1.free"])
     shared.close()
+
+
+def test_failed_copy_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "DELAY", 0.0)
+    monkeypatch.setattr(store, "TRIED_AGAIN", 0.0)
+    (tmp_path / "journal").write_text("no folder")
+    kept = KeptData(tmp_path / "journal", "run", Sync.BATCH)
+    shared = Shared(tmp_path, kept=kept)
+    body = shared.store.adopt(shared.write("a1/1", keep=Keep.TASK))
+    shared.sweep()
+    wait_until(lambda: kept.failed == ["a1/1"])
+    (tmp_path / "journal").unlink()
+    shared.sweep()
+    wait_until(lambda: copied(tmp_path / "journal") == ["held/run/a1/1"])
+    del body
+    shared.close()
+
+
+def test_data_of_a_killed_central_survive_its_folder(tmp_path: Path) -> None:
+    journal = tmp_path / "journal"
+    journal.mkdir()
+    killed = Shared(tmp_path, "killed", KeptData(journal, "killed", Sync.BATCH))
+    bodies = [
+        killed.store.adopt(killed.write("a1/1", keep=Keep.TASK)),
+        killed.store.adopt(killed.write("a1/2")),
+    ]
+    killed.write("a1/3")
+    killed.kill()
+    other = Shared(tmp_path)
+    other.sweep()
+    other.close()
+    assert not killed.folder.exists()
+    assert copied(journal) == ["held/killed/a1/1", "held/killed/a1/2"]
+    again = Store(tmp_path)
+    restored = [again.adopt(handle("a1/1", keep=Keep.TASK)), again.adopt(handle("a1/2"))]
+    again.open("killed", KeptData(journal, "killed", Sync.BATCH))
+    for name in ("a1/1", "a1/2"):
+        assert (killed.folder / name).read_bytes() == DATA
+    del restored
+    again.settle({MODULE})
+    assert copied(journal) == []
+    again.close(is_over=True)
+    del bodies
+
+
+def test_data_stay_in_memory_when_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    killed = Shared(tmp_path, "killed", KeptData(tmp_path, "killed", Sync.BATCH))
+    body = killed.store.adopt(killed.write("a1/1"))
+    killed.kill()
+    other = Shared(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=len(DATA)))
+    other.sweep()
+    other.sweep()
+    assert (killed.folder / "a1/1").exists()
+    assert caplog.text.count("can't be saved") == 1
+    monkeypatch.undo()
+    other.sweep()
+    assert not killed.folder.exists()
+    other.close()
+    del body
 
 
 def test_journal_lacks_data_when_the_disk_is_too_slow(
@@ -545,6 +605,7 @@ def test_journal_lacks_data_when_the_disk_is_too_slow(
         for keep in (Keep.JOURNAL, Keep.TASK)
     ]
     assert "the journal lacks large data" in caplog.text
+    shared.sweep()
     wait_until(lambda: copied(tmp_path / "journal") == ["held/run/a1/1"])
     bodies.clear()
     wait_until(lambda: shared.files() == ["a1/1.free", "a1/2.free"])

@@ -19,6 +19,7 @@ from tca_wire.packets.headers import (
     Answer,
     Bye,
     Deliver,
+    EndCentral,
     Hello,
     Receipt,
     Refused,
@@ -30,6 +31,7 @@ from tca_wire.packets.headers import (
 )
 from tca_wire.packets.large import Handle, Keep, pack_handle
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.resources import GetVariable, SetVariable
 from tca_wire.vocabulary import MessageClass, Refusal
 
 pytestmark = pytest.mark.slow
@@ -52,8 +54,9 @@ class RawModule:
         picture = MessageFormat("picture", MessageClass.INFORM, "{}")
         look = MessageFormat("look", MessageClass.QUERY, "{}", "{}")
         grasp = MessageFormat("grasp", MessageClass.COMMAND, "{}", "{}")
+        variable = MessageFormat("map", MessageClass.VARIABLE, "{}")
         handled = [HandlerFormat(one, name) for one in ("picture", "look", "grasp")]
-        self.send(Register(self.next(), [picture, look, grasp], handled))
+        self.send(Register(self.next(), [picture, look, grasp, variable], handled))
         self.receive(Accepted)
 
     def join(self) -> None:
@@ -155,8 +158,25 @@ def test_start_of_central_removes_what_is_left(tmp_path: Path) -> None:
         eyes.receive(Accepted)
         running.kill()
     assert eyes.files() == ["1"]
-    with central(tmp_path / "next") as running:
-        assert not eyes.store.exists()
+    with central(tmp_path / "next"):
+        wait_until(lambda: not eyes.store.exists())
+
+
+def test_kept_variable_survives_another_central(tmp_path: Path) -> None:
+    with central(tmp_path / "kept") as running, modules(running, "e8") as (eyes,):
+        body = eyes.write(1, keep=Keep.TASK)
+        eyes.send(SetVariable(eyes.next(), "map"), body)
+        eyes.receive(Accepted)
+        eyes.send(EndCentral(eyes.next(), keep=True))
+        running.process.wait()
+        with central(tmp_path / "other"):
+            wait_until(lambda: not eyes.store.exists())
+        with central(tmp_path / "kept", bind=running.address):
+            eyes.others.clear()
+            eyes.join()
+            eyes.send(GetVariable(eyes.next(), "map"))
+            assert eyes.receive(Answer)[1] == body
+            assert (eyes.store / "e8" / "1").read_bytes() == DATA
 
 
 def test_files_go_when_their_module_has_left(tmp_path: Path) -> None:

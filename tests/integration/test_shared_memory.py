@@ -212,7 +212,7 @@ def test_failure_is_passed_on_with_its_data(running: Central, user: Client) -> N
         with pytest.raises(TaskFailed) as failed:
             user.command(plan).result(SOON)
         assert is_image(failed.value.data_as(SLIPPED), 4, 1 << 20)
-        until_free(user, 2)  # central remembers how both tasks ended
+        until_free(user, 1)  # central remembers how the inner task failed
 
 
 def test_journal_shows_shape_and_not_data(running: Central, user: Client) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tca_wire.errors import BadData
-from tca_wire.messages.declarations import Command, Failure, Inform, Query, Retry
+from tca_wire.messages.declarations import Command, Failure, Inform, Query, Retry, Variable
 from tca_wire.messages.formats import Format, decode_untyped
 from tca_wire.messages.large_data import LargeData, OpenedBody, copy_of, inline
 from tca_wire.packets.large import (
@@ -171,11 +171,12 @@ def test_data_beyond_the_limits_are_refused() -> None:
         inline(ANY.encode(large_array(Limit.BODY)))
 
 
-def test_large_data_of_a_task_are_kept_until_its_end() -> None:
+def test_large_data_of_tasks_and_variables_are_kept() -> None:
     array = large_array()
     lift = Command("lift", np.ndarray, result=np.ndarray, progress=np.ndarray)
     logged = Command("lift", np.ndarray, result=np.ndarray, progress=np.ndarray, journal=True)
     image = Inform("image", np.ndarray, journal=True)
+    variable = Variable("map", np.ndarray)
     kept = [
         unpack_handle(opened(body))[0].keep  # type: ignore[arg-type]
         for body in (
@@ -184,9 +185,11 @@ def test_large_data_of_a_task_are_kept_until_its_end() -> None:
             logged.encode_data(array),
             logged.encode_progress(array),
             image.encode_data(array),
+            variable.encode_data(array),
         )
     ]
-    assert kept == [Keep.TASK, 0, Keep.TASK | Keep.JOURNAL, Keep.JOURNAL, Keep.JOURNAL]
+    both = Keep.TASK | Keep.JOURNAL
+    assert kept == [Keep.TASK, 0, both, Keep.JOURNAL, Keep.JOURNAL, Keep.TASK]
 
 
 def test_failure_and_fallback_hold_their_large_data() -> None:
