@@ -210,6 +210,8 @@ def _check_family(task: Task) -> None:
             f"{task}: started before its parent"
         )
         assert not parent.killed or task.role.survives, f"{task}: outlives its killed parent"
+        is_own_watch = task.is_background and not task.is_foreign_monitor
+        assert not (is_own_watch and parent.retry_pending), f"{task}: keeps {parent} from its retry"
     assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
 
 

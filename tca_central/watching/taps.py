@@ -194,7 +194,9 @@ def _has_happened(condition: Condition, task: Task) -> bool:
     if task.killed or condition is Condition.WHEN_KILLED:
         return condition is Condition.WHEN_KILLED and bool(task.killed)
     if condition is Condition.WHILE_HANDLING:
-        return task.is_running
+        # A handling that is to be retried does not count. Its monitor would keep the task from its
+        # next handling, and would itself wait for the end of that handling.
+        return task.is_running and not task.retry_pending
     moments = (
         END_HANDLING
         if condition is Condition.AFTER_HANDLED

@@ -254,7 +254,7 @@ def _has_happened(node: Node, condition: Condition) -> bool:
     if node.killed or condition is Condition.WHEN_KILLED:
         return node.killed and condition is Condition.WHEN_KILLED
     if condition is Condition.WHILE_HANDLING:
-        return bool(node.slot)
+        return bool(node.slot) and not node.again
     moment = {
         Condition.AFTER_HANDLED: EH,
         Condition.WHEN_PLANNED: EP,
