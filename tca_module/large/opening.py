@@ -36,6 +36,7 @@ def opened(store: str, body: bytes) -> bytes:
     if not handle.segment:
         return body
     found = OpenedBody(body)
+    found.handle = handle
     try:
         if store:
             found.content = _memory_of(f"{store}/{handle.segment}", handle.size)

@@ -127,6 +127,7 @@ class OpenedBody(LargeBody):
     """A large body with the memory of its segment; or with the *problem*, if it can't be read."""
 
     content: memoryview | None = None
+    handle: Handle | None = None  #: its handle, if that was read already
     problem: str = "its data stand in shared memory that this program has not opened"
 
     def __reduce__(self) -> Any:
@@ -161,6 +162,8 @@ def inline(body: bytes) -> bytes:
 
 def _opened(body: bytes) -> tuple[Handle, memoryview]:
     """Return a body's handle and the content of its segment. Raises BadData without either."""
+    if isinstance(body, OpenedBody) and body.handle is not None and body.content is not None:
+        return body.handle, body.content
     try:
         handle, content = unpack_handle(body)
     except ProtocolError as error:
