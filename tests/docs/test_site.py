@@ -5,9 +5,11 @@ The quick suite leaves this to ``make lint``, which builds the site, too.
 
 import json
 import shutil
+import time
 
 import pytest
 from playwright.sync_api import sync_playwright
+from waiting import SOON
 
 from dev.site import __main__ as docs
 from dev.site.root import SITE
@@ -43,6 +45,13 @@ def test_search_works_from_a_folder() -> None:
         page = context.new_page()
         page.goto((SITE / "index.html").as_uri())
         page.locator(".md-search__button").first.click()
-        page.get_by_placeholder("Search").press_sequentially("deadline")
-        page.get_by_text("Set a deadline").first.wait_for()
+        box = page.get_by_placeholder("Search")
+        found = page.get_by_text("Set a deadline").filter(visible=True)
+        assert not found.count()
+        until = time.monotonic() + SOON
+        while not found.count():
+            assert time.monotonic() < until, "nothing is found"
+            box.fill("")  # the page ignores what is typed before it is ready
+            box.press_sequentially("deadline")
+            page.wait_for_timeout(500)
         browser.close()
