@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from weakref import ref
 
 from tca_module.large.segment import FREE, NEW, Segment
-from tca_module.link.late_calls import late_calls
+from tca_module.late_calls import late_calls
 from tca_wire.messages.large_data import LargeData, OpenedBody
 
 IDLE_SEGMENTS, IDLE_BYTES = 4, 64 << 20  # of free segments that are kept for the next second

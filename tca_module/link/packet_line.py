@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tca_module.errors import CentralLost
 from tca_module.large.bodies import LargeBodies
-from tca_module.link.late_calls import late_calls
+from tca_module.late_calls import late_calls
 from tca_module.log import log_of
 from tca_module.session.request import check_fields
 from tca_module.session.session import QUIET, Session
