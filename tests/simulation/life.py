@@ -216,7 +216,8 @@ class Life:
         if (wrong := checked([OPENED, *self.daemon.journal])) != []:
             raise Broken(f"tca check says of the journal: {wrong[0]}")
         for connection in core.registry.connections.values():
-            if connection.outstanding:
+            # After a restart central still waits for connections, also of processes that have died.
+            if connection.outstanding and connection not in core.restart_pause.awaited:
                 raise Broken(f"{connection.session} waits for {connection.outstanding}")
 
     def _judge_task(self, token: int, task: int) -> None:
