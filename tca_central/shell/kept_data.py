@@ -53,9 +53,8 @@ class KeptData:
         self._data, self._tasks = folder / DATA_FOLDER / epoch, folder / HELD_FOLDER / epoch
         self._sync = sync
         self.ended: list[str] = []  #: names of segments that were copied, or need no copy
-        self.failed: list[
-            str
-        ] = []  #: names of segments whose copies failed, and may be tried again
+        #: Names of segments whose copies failed, and may be tried again.
+        self.failed: list[str] = []
         self._held: set[str] = set()  #: names of the copies of tasks' segments
         self._changed = threading.Condition()
         self._copies: deque[_Copy] = deque()  #: to make, oldest first

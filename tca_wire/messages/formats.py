@@ -76,9 +76,9 @@ class Format(Generic[T]):
 
         Raises BadData, naming the field, if the receiver could not read it.
         """
-        if self.kind is bytes and isinstance(value, bytes) and len(value) >= LARGE:
-            return LargeData.of_bytes(value)
         try:
+            if self.kind is bytes and isinstance(value, bytes) and len(value) >= LARGE:
+                return LargeData.of_bytes(value)
             data = self._encoder.encode(value)
         except _UNFIT as error:
             collected_parts()

@@ -60,7 +60,8 @@ class LargeData(LargeBody):
     def of_bytes(cls, value: bytes) -> Self:
         """Create the body of a value of LARGE bytes and more, without a copy of them.
 
-        Their MessagePack begins with a header, which stands at the end of a part of its own.
+        Their MessagePack begins with a header, which stands at the end of a part of its own. Raises
+        what the constructor does, and OverflowError if MessagePack can't hold the bytes.
         """
         header = b"\xc6" + len(value).to_bytes(4, "big")
         before = ALIGNMENT - len(header)

@@ -216,7 +216,7 @@ class Life:
         if (wrong := checked([OPENED, *self.daemon.journal])) != []:
             raise Broken(f"tca check says of the journal: {wrong[0]}")
         for connection in core.registry.connections.values():
-            # After a restart central still waits for connections, also of processes that have died.
+            # All living processes are back. Central may still await the connections of dead ones.
             if connection.outstanding and connection not in core.restart_pause.awaited:
                 raise Broken(f"{connection.session} waits for {connection.outstanding}")
 
