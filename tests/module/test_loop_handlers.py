@@ -108,9 +108,11 @@ def test_failure_of_a_subtask_fails_the_handler(planner: Module) -> None:
 
 def test_killed_handler_cleans_up_before_its_task_ends(planner: Module) -> None:
     cleaned_up: list[int] = []
+    has_begun = asyncio.Event()
 
     @planner.handles_on_loop(REST)
     async def rest(task: AsyncTask) -> None:
+        has_begun.set()
         try:
             await asyncio.Event().wait()
         finally:
@@ -119,7 +121,7 @@ def test_killed_handler_cleans_up_before_its_task_ends(planner: Module) -> None:
     async def main() -> None:
         async with planner.running_async() as sender:
             resting = await sender.goal(REST)
-            await resting.wait_for(resting.handling.start, SOON)
+            await asyncio.wait_for(has_begun.wait(), SOON)  # else it would never run
             await resting.kill("enough")
             await resting.wait_for(resting.handling.end, SOON)
             assert await resting.wait(SOON) is Outcome.KILLED
