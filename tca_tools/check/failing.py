@@ -66,6 +66,12 @@ def _pop_search(world: JournalWorld, task: MessageRecord, what: str) -> int:
     return task.searches.pop(0)
 
 
+def _end_search(task: MessageRecord, after: int) -> None:
+    """End a task's handling with its search, unless another exception handler decides on it."""
+    if after == OWN or (after > 0 and task.deciding == after):
+        task.deciding, task.has_returned = 0, True
+
+
 def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None:
     """Apply the call of an exception handler."""
     handler = world.task(fact.handler, "was called as exception handler")
@@ -128,8 +134,7 @@ def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -
     The top-level task must be killed, or instead the exception handler that could not decide.
     """
     after = _pop_search(world, task, "was unhandled")
-    if after == OWN or (after > 0 and task.deciding == after):
-        task.deciding, task.has_returned = 0, True
+    _end_search(task, after)
     if _check_undecided(world, task, fact, is_new=after <= 0):
         return
     *_, top = _lineage(task)
@@ -316,7 +321,8 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
         asking.has_resolved = True
     if fact.failed and (failing := world.task(fact.failed, "failed and was retried")) is not None:
         after = _pop_search(world, failing, "was retried by a policy")
-        failing.has_returned |= after >= OWN and fact.failed != fact.task
+        if fact.failed != fact.task:
+            _end_search(failing, after)
     if (item := world.task(fact.task, "was retried")) is None:
         return
     if fact.pause is not None:
