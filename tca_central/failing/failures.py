@@ -387,7 +387,11 @@ def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
     if task.watch is not None:
         stop_watching(central, task.watch, "it was killed")
     fallback = task.recovery.exception_handler if task.recovery is not None else None
-    if fallback is not None and trouble_of(fallback).is_fallback:
+    if (
+        fallback is not None
+        and fallback.reached != ALL_MOMENTS
+        and trouble_of(fallback).is_fallback
+    ):
         kill(central, fallback, verdict)
     for listener in task.tapping.listeners if task.tapping is not None else ():
         if listener.reached != ALL_MOMENTS:

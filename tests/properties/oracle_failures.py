@@ -61,8 +61,13 @@ def _clean_up_after_kill(world: World, node: Node) -> None:
         for message in node.termination_messages:
             oracle_rules.make(world, message, Role.TERMINATION, node, node)
     oracle_monitors.stop(world, node)
-    if node.recovering is not None and oracle_policies.is_fallback(node.recovering):
-        kill(world, node.recovering)
+    deciding = node.recovering
+    if (
+        deciding is not None
+        and deciding.id in world.nodes
+        and oracle_policies.is_fallback(deciding)
+    ):
+        kill(world, deciding)
     for listener in node.listeners:
         if listener.id in world.nodes:
             kill(world, listener)
