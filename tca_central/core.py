@@ -199,7 +199,11 @@ class Central(State):
                 connection = self._admit_stranger(event, number)
             elif event.principal != connection.principal:
                 connection = self._replace_stale_connection(connection, event, number)
-            elif number and number <= connection.last_number and type(header) not in _NOT_STORED:
+            elif (
+                number
+                and number <= connection.last_number
+                and (type(header) not in _NOT_STORED or number in connection.outstanding)
+            ):
                 self._repeat(connection, number)
             else:
                 if number > connection.last_number:  # noqa: PLR1730 - max() is slow, as above

@@ -151,6 +151,14 @@ def test_waiting_request_without_number_is_refused(header: Any) -> None:
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding
 
 
+def test_open_request_stays_when_its_number_is_used_again(player: Player) -> None:
+    player.request("user", Observe)
+    number = player.numbers["user"]
+    (answer,) = player.receive("user", headers.GetVariable(number, "no\nname"))
+    assert isinstance(answer, Accepted)
+    assert number in player.central.registry.connections[ConnectionId(b"user")].outstanding
+
+
 @pytest.mark.parametrize("option", ["period", "duration"])
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0])
 def test_polling_monitor_with_invalid_time_is_refused(option: str, seconds: float) -> None:
