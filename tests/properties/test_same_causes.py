@@ -112,8 +112,8 @@ class ComparingPlayer(FoldedPlayer):
         """
         path: list[Node] = [next_of(task)]
         # The tools name all that a task waits for at its end, perhaps before it is handled.
-        if next_node(RunAt(self.history), task.id).moment == END_ACHIEVING:
-            path.append(Place(task, END_ACHIEVING))
+        if (moment := next_node(RunAt(self.history), task.id).moment) & ENDS:
+            path.append(Place(task, moment))
         seen = set(path)
         for node in path:  # grows while it is walked
             for one in (
@@ -242,6 +242,7 @@ def live(seed: int) -> ComparingPlayer:
 @example(4_026_247_230)  # a suspended task also waits for the start of its parent, a monitor
 @example(13_327)  # the handler before a monitor's subtask sent a multi-query
 @example(974)  # a monitor waits for a delay after the end of an idle monitor under it
+@example(2_071_405)  # a failure of a task that has not begun, with a constraint on its end
 @example(155)  # a retry policy spared a foreign monitor that had failed
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(2, soak=2_000), phases=NO_SMALLER_SEED)
