@@ -203,9 +203,12 @@ class Replay(Player):
             runs = [one for one in free if one.message_id == end.number]
             # Its thread may still be at work with a message that was handled within its last wait.
             runs = runs or [one for one in free if one.slot in slots]
-            assert runs, f"{end} has no free handler"
+            assert runs or any(self.nested_in(slot) for slot in slots), f"{end}: no free handler"
             for run in runs:
                 self.answer(run)
+            if not runs:  # that message waits itself
+                nested = next(filter(None, map(self.nested_in, slots)))
+                self.act(Ends.at(self.at).of(nested.message_id)[0])
         elif end.kind is WaitKind.HANDLER:
             self.take(self.at.run.messages[end.number].name)
         elif end.kind is WaitKind.RESUME:
@@ -215,6 +218,11 @@ class Replay(Player):
             self.tick(LONG)
         else:
             self.unlock_or_join(end)
+
+    def nested_in(self, slot: Connection | None) -> Delivery | None:
+        """Return the message that a thread handles within a wait, if it does."""
+        handled = list(slot.handling) if slot is not None else []
+        return handled[-1] if len(handled) > 1 else None
 
     def unlock_or_join(self, end: End) -> None:
         """Release a lock whose holder waits for nothing, or add a slot to an empty resource."""
@@ -378,6 +386,12 @@ def assert_ends_sufficient(life: Life, node: Node) -> None:
     [("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)]
 )  # an exception handler deals with a failure
 @example([("send", 0, 0, 0), ("send", 0, 0, 0), ("wait", 0, 1, 0)])  # a message within a wait
+@example(
+    [
+        *(("send", 0, 0, 0), ("send", 0, 0, 0), ("ask", 0, 1, 0)),
+        *(("wait", 0, 1, 0), ("ask", 1, 1, 0)),
+    ]
+)  # a message within a wait that waits, too
 @given(steps)
 @settings(max_examples=lives(15, soak=5_000))
 def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:
