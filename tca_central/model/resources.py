@@ -433,8 +433,14 @@ class Resource(Stored, Generic[S, Q]):
         return newest
 
     def _can_be_granted(self, claim: Claim[S, Q]) -> bool:
-        """Whether a claim is first in every copy's queue, and only the claimant's slot is busy."""
-        if any(copy._first_in_line() is not claim for copy in self.copies):  # noqa: SLF001
+        """Whether a claim is first in every copy's queue, and only the claimant's slot is busy.
+
+        A copy that recalls messages may still handle one.
+        """
+        if any(
+            copy.is_recalling or copy._first_in_line() is not claim  # noqa: SLF001
+            for copy in self.copies
+        ):
             return False
         inside = [slot for copy in self.copies for slot in copy.slots if not copy.is_free(slot)]
         return not inside or inside == [claim.slot]

@@ -10,6 +10,7 @@ from tca_central.order import prefetching
 from tca_central.shell.log_lines import LogLines
 from tca_wire.journal.facts import Dropped
 from tca_wire.packets import headers
+from tca_wire.packets.parts import HandlerFormat
 from tca_wire.vocabulary import Condition
 
 AT_SENDING_OR_RETURN = [Condition.WHEN_SENT, Condition.AFTER_HANDLED, Condition.AFTER_REPLIED]
@@ -156,3 +157,19 @@ def test_slot_is_recalled_only_once_until_it_answers() -> None:
         len([header for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)])
         == 1
     )
+
+
+def test_lock_of_copies_waits_for_the_recall_of_one() -> None:
+    player = Ears.of("ear: query where", "eye: inform seen", "user")
+    for _ in range(3):
+        player.send("user", "where")
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "seen", "where")  # recalls them
+    player.request("user", headers.Lock, "ear")
+    granted = headers.Answer(player.numbers["user"])
+    for delivery in deliveries(player, "ear/1"):
+        player.reply("ear/1", delivery)
+    player.hello("two", "ear", incarnation="run of two")
+    player.request("two", headers.Register, [], [HandlerFormat("where", "ear")])
+    assert granted not in [header for header, _ in player.inbox["user"]]
+    player.receive("ear/1", headers.Recalled([], is_answer=True))
+    assert granted in [header for header, _ in player.inbox["user"]]
