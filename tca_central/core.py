@@ -574,7 +574,7 @@ class _Kind:
 KINDS = {header: _Kind(header) for header in HANDLERS}
 
 _NOT_STORED = (headers.Hello, headers.GetVariable)
-"""Requests whose answers are not stored. If such a request is repeated, it is done again."""
+"""Requests without stored answers: a repeated one is done again, unless its number is open."""
 
 
 REACHED: dict[type, Callable[[Central, Never, Task], None]] = {

@@ -503,16 +503,16 @@ class _WaitWalk:
 
     def _suspended(self, node: Node, wait: Wait, suspension: Suspension) -> None:
         """Add the standstill of a suspension, or visit the handlers that still run under it."""
-        since, cause, now = suspension.standstill, suspension.cause, self._at.instant
-        if since is None or since > now:
+        since, now = suspension.standstill, self._at.instant
+        if since is None or now < since:
             begun = [one for one in suspension.handlings if one.start <= now]
-            running = [one for one in begun if now < one.until]
-            for handling in running:
-                self._visit(node_of(self._at.run, handling), node, wait)
-            if running:
+            if running := [one for one in begun if now < one.until]:
+                for handling in running:
+                    self._visit(node_of(self._at.run, handling), node, wait)
                 return
-            # Nothing runs at present, but a lent slot will handle more of it.
+            # Nothing runs at present. A task that was resumed alone will run later.
             since = max([suspension.start, *(one.until for one in begun)])
+        cause = suspension.cause
         self._add(node, cause, step=PathStep(since, self._until, Doing.SUSPENDED, cause))
 
     def _add(

@@ -112,7 +112,7 @@ CYCLE_UNDER_A_SUSPENSION = [
 @example(sixty_steps(7511))  # a task killed before its delay is over
 @example(sixty_steps(1789))  # a deadlock of locks
 @example(sixty_steps(1027))  # a multi-query is given up while a copy is queued
-@example(sixty_steps(105_215_145))  # a suspended task goes on later
+@example(sixty_steps(105_215_145))  # a task under a suspended one was resumed alone
 @example(ONE_COPY_WAITS)
 @example(CYCLE_UNDER_A_SUSPENSION)
 @given(steps_of_lives)

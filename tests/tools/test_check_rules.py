@@ -99,7 +99,7 @@ def test_random_lives_keep_the_rules(taken: Operations) -> None:
 
 @given(st.integers(0, 1 << 32))
 @example(80069)  # in the soak's length: an unknown watcher ends
-@example(628175043)  # in the soak's length: a policy retries past a safety task's handler
+@example(628175043)  # a retry policy ends the exception handler of a safety task below
 @settings(max_examples=lives(2, soak=100))
 def test_long_random_lives_keep_the_rules_from_any_entry_on(seed: int) -> None:
     life = Life(Player(check=False))
