@@ -14,6 +14,7 @@ import click
 from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
+from tca_central.replication.member import Member
 from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import raise_descriptor_limit
 from tca_central.shell.gate import OpenGate, gate_for
@@ -92,11 +93,33 @@ def _run_folder(
     return RunFolder(folder, is_fresh=is_fresh, accept=accept, adopt=store.adopt)
 
 
-def _kept_data(run: RunFolder | None, sync: Sync, *, keeps_tasks: bool) -> KeptData | None:
+def _kept_data(run: RunFolder | Member | None, sync: Sync, *, keeps_tasks: bool) -> KeptData | None:
     """Return the copies of large data on the disk; None without a journal."""
     if run is None:
         return None
     return KeptData(run.path, run.central.epoch, sync, keeps_tasks=keeps_tasks)
+
+
+def _member(log_address: str, endpoint: str, journal: Path | None, store: Store) -> Member:
+    """Return this central as a member of those with the same log. Raises CentralError."""
+    try:
+        from tca_central.replication.jetstream import JetStreamLog  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        msg = f"--log needs {error.name}: pip install 'tca-central[log]'"
+        raise CentralError(msg) from None
+    servers, _, name = log_address.removeprefix("nats://").partition("/")
+    addresses = [f"nats://{server.strip()}" for server in servers.split(",")]
+    shared = JetStreamLog(addresses, name or "robot")
+    return Member(shared, endpoint, journal or new_journal(), store.adopt)
+
+
+def _stand_by(member: Member, *, is_manual: bool) -> bool:
+    """Follow the leader until this central leads. Return False if a signal ends the process."""
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: signals.append(number))
+    log.info("follows the log")
+    return member.stand_by(lambda: bool(signals), is_manual=is_manual)
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -266,6 +289,13 @@ def _install_signal_handlers(server: Daemon) -> None:
     help="A TOML file of what each key may do, read again when it changes [default: every program "
     "that connects may do everything].",
 )
+@click.option(
+    "--log",
+    "log_address",
+    metavar="SERVERS",
+    help="Keep inputs and images in a replicated log, nats://host:port,host:port/NAME, so that "
+    "a standby can take over.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Log only what went wrong.")
 @click.version_option(
     release(), prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
@@ -276,6 +306,7 @@ def central(  # noqa: PLR0913 - one parameter per option
     sync: str,
     resume: tuple[str, ...],
     permissions: Path | None,
+    log_address: str | None,
     *,
     if_fails: str,
     lost_after: int,
@@ -287,17 +318,25 @@ def central(  # noqa: PLR0913 - one parameter per option
     fresh: bool,
     insecure: bool,
     quiet: bool,
+    is_standby: bool = False,
+    is_manual: bool = False,
 ) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
     _set_up_logging(quiet=quiet)
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
     raise_descriptor_limit()
-    run: RunFolder | None = None
+    run: RunFolder | Member | None = None
     server: Daemon | None = None
     store = Store()
     try:
-        if not no_journal:
+        if log_address is not None:
+            run = member = _member(log_address, endpoint, journal, store)
+            if not is_standby:
+                member.begin(is_fresh=fresh)
+            elif not _stand_by(member, is_manual=is_manual):
+                return
+        elif not no_journal:
             is_fresh, accept = fresh or no_inputs, "facts" in resume
             run = _run_folder(endpoint, journal, store, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, permissions, insecure=insecure)

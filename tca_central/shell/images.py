@@ -11,10 +11,12 @@ import os
 import signal
 import warnings
 from pathlib import Path
+from typing import Protocol
 
 from tca_central.core import Central
+from tca_central.events import Input
 from tca_central.image.encoder import can_encode, encode
-from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
+from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
@@ -28,6 +30,45 @@ images as tasks, up to the greatest number.
 log = logging.getLogger("tca.central")
 
 
+class Inputs(Protocol):
+    """The log of inputs of one run: files, or a replicated log."""
+
+    folder: Path
+    """The folder for images that are being written."""
+    size: int
+    """Bytes since the newest image."""
+
+    def add(self, event: Input) -> None:
+        """Append an input; ``flush`` writes it."""
+
+    def flush(self) -> None:
+        """End a turn: make its inputs as safe as they must be before messages leave.
+
+        Raises CentralError if that fails, or has failed before.
+        """
+
+    def check(self) -> None:
+        """Raise CentralError if writes would be lost, or if another central leads."""
+
+    def write_now(self) -> Path | None:
+        """Write all inputs. Return the file that an image needs on the disk, if there is one."""
+
+    def next_segment(self, clock: float) -> int:
+        """Return the number of an image of the present state, at central's time *clock*."""
+
+    def use_image(self, number: int, previous: int) -> None:
+        """Use image *number*, which is complete. What led to the *previous* one may go."""
+
+    def end(self, why: str) -> None:
+        """Write all inputs, then that the run has ended, and close the log."""
+
+    def close(self) -> None:
+        """Write all inputs, and close the log."""
+
+    def remove(self) -> None:
+        """Remove the log, so that the run can't continue. Raises OSError."""
+
+
 class Images:
     """Writes an image whenever the log of inputs has grown enough.
 
@@ -39,7 +80,7 @@ class Images:
     """
 
     def __init__(
-        self, inputs: InputLog, journal: LogWriter, image_events: int = 0, image: int = 0
+        self, inputs: Inputs, journal: LogWriter, image_events: int = 0, image: int = 0
     ) -> None:
         self._inputs, self._journal = inputs, journal
         #: The number of events that led to the newest image, complete or not.
@@ -79,7 +120,7 @@ class Images:
                 log.warning("no image of the state could be written: %s", error.strerror)
                 return
         if not self._child:
-            _write_and_exit(central, self._path, [inputs, facts])
+            _write_and_exit(central, self._path, [inputs, facts] if inputs else [facts])
 
     def close(self) -> None:
         """Wait until the image that is being written is complete."""
@@ -98,8 +139,7 @@ class Images:
         if status:
             log.warning("an image of the state was not written: its process ended with %d", status)
             return
-        if self._image:
-            self._inputs.remove(self._image)
+        self._inputs.use_image(self._number, self._image)
         self._image = self._number
 
 

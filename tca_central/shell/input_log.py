@@ -105,6 +105,11 @@ class InputLog(LogWriter):
         self.start_segment()
         return self.newest
 
+    def use_image(self, number: int, previous: int) -> None:  # noqa: ARG002 - a shared log needs it
+        """Remove the files before the *previous* image: image *number* is complete."""
+        if previous:
+            self.remove(previous)
+
     def remove(self, before: float = math.inf) -> None:
         """Remove this run's files with numbers below *before*. Raises OSError.
 

@@ -64,16 +64,21 @@ class UnfinishedRun:
 
     def lost_connections(self) -> Iterator[ConnectionLost]:
         """Yield the losses of connections from this computer whose processes have ended."""
-        here, now = f"{socket.gethostname()}:", self.central.clock.now
-        if not Path("/proc/self").exists():
-            return
-        for connection in list(self.central.restart_pause.awaited):
-            process = connection.module.process
-            pid = process.removeprefix(here)
-            is_here = process.startswith(here) and pid.isdecimal()
-            if is_here and (_was_booted(self.head) or not _is_running(pid)):
-                why = "its process had ended when central came back"
-                yield ConnectionLost(now, connection.id, why)
+        return ended_processes(self.central, is_rebooted=_was_booted(self.head))
+
+
+def ended_processes(central: Central, *, is_rebooted: bool = False) -> Iterator[ConnectionLost]:
+    """Yield the losses of connections from this computer whose processes have ended."""
+    here, now = f"{socket.gethostname()}:", central.clock.now
+    if not Path("/proc/self").exists():
+        return
+    for connection in list(central.restart_pause.awaited):
+        process = connection.module.process
+        pid = process.removeprefix(here)
+        is_here = process.startswith(here) and pid.isdecimal()
+        if is_here and (is_rebooted or not _is_running(pid)):
+            why = "its process had ended when central came back"
+            yield ConnectionLost(now, connection.id, why)
 
 
 def _was_booted(head: Head) -> bool:

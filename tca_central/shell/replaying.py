@@ -126,7 +126,7 @@ class InputReplay:
 
     def entries(self) -> Iterator[Entry]:
         """Replay the inputs, and yield the entries to which they lead. Raises CentralError."""
-        for logged, spared in _with_spared(self._inputs()):
+        for logged, spared in with_spared(self._inputs()):
             self.inputs += 1
             for event in events_of(logged, spared, self._adopt):
                 try:
@@ -220,7 +220,7 @@ def _damaged(segment: InputSegment) -> CentralError:
     return CentralError(msg)
 
 
-def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
+def with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
     """Yield each input, and the index of its request that the replay must refuse (-1: none).
 
     A ``RequestSkipped`` after the input has this index.

@@ -4,8 +4,7 @@ import os
 
 from tca_central.core import Central
 from tca_central.events import Input
-from tca_central.shell.images import Images
-from tca_central.shell.input_log import InputLog
+from tca_central.shell.images import Images, Inputs
 from tca_central.shell.journal_writer import JournalWriter
 from tca_wire.journal.facts import Entry
 
@@ -24,7 +23,7 @@ class RunLog:
     """
 
     def __init__(
-        self, journal: JournalWriter, inputs: InputLog | None, image_events: int = 0, image: int = 0
+        self, journal: JournalWriter, inputs: Inputs | None, image_events: int = 0, image: int = 0
     ) -> None:
         self.folder = journal.folder
         self.images = Images(inputs, journal, image_events, image) if inputs is not None else None

@@ -70,3 +70,23 @@ central = click.Command(
     ],
     help=daemon.help,
 )
+
+
+def _stand_by(**options: Any) -> None:
+    if not options["log_address"]:
+        raise click.UsageError("--log is missing: name the servers of the leader's log")
+    assert daemon.callback is not None
+    daemon.callback(**options, is_standby=True)
+
+
+standby = click.Command(
+    "standby",
+    callback=_stand_by,
+    params=[
+        *daemon.params,
+        click.Option(
+            ["--manual", "is_manual"], is_flag=True, help="Lead only if a person says so."
+        ),
+    ],
+    help="Follow the central that leads, and take over when it is silent.",
+)

@@ -1,0 +1,1 @@
+"""A run's inputs and images in a replicated log, so that central may move to another machine."""
