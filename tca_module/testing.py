@@ -26,7 +26,7 @@ from tca_module import checks
 from tca_module.errors import CentralLost, MisuseError, Timeout
 from tca_module.module import Module
 from tca_module.rig import Rig
-from tca_module.sockets.transport import Waker
+from tca_module.sockets.transport import OneAddress, Waker
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact
 from tca_wire.journal.records import record
@@ -402,7 +402,7 @@ class LocalCentral(Rig):
             self._check(self.core)
 
 
-class LocalTransport:
+class LocalTransport(OneAddress):
     """One connection to a LocalCentral."""
 
     hold_seconds = 0.0  # a packet costs nothing here

@@ -506,7 +506,7 @@ class Connection(Waits):
         session.confirm()
         while not session.is_confirmed:
             left = since + within - self.now()
-            session.send_due(self.now(), since)
+            self.line.send_due(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
             if left <= 0 or (session.outgoing and not accepts_connections(self.transport.address)):
                 return

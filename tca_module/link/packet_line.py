@@ -30,6 +30,8 @@ _PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a pr
 STALL = 2.0  # if a wait ends this many seconds too late, the whole process was stopped
 SENT_AT_ONCE = 4  # sends in a row that leave at once
 _MOST_HELD, _MOST_HELD_BYTES = 64, 16 << 10  # sends that wait to leave together
+_SILENT = 1.0  # seconds without an answer after which central may lead at another address
+_SEEK_PERIOD = 0.25  # seconds between two looks for a central that is gone
 _ACKNOWLEDGED_WITHIN = 0.02  # seconds; usually the next send takes the receipt along
 
 
@@ -60,6 +62,7 @@ class PacketLine:
         self._log = log_of(session.module)
         self._receipts = Receipts()
         self.large = LargeBodies()
+        self._seek_at = -math.inf  #: when to look for central elsewhere, at the earliest
         #: the length and the end of the last silence in which central left a probe unanswered
         self._last_silence = 0.0, -math.inf
 
@@ -118,11 +121,33 @@ class PacketLine:
         """
         self.listen_to_all()
         now = self.clock()
-        due = self.session.send_due(now, since, quiet)
+        due = self.send_due(now, since, quiet)
         if not is_sending:
             # A send that waits to share a packet has as long as any other to leave.
             self.flush(wait_seconds=0, is_patient=now < self._hold_until + SEND_WAIT)
         return due
+
+    def send_due(self, now: float, since: float, quiet: float = QUIET) -> float:
+        """Do what ``Session.send_due`` does, and look for central where it may be."""
+        if not self._transport.has_others:
+            return self.session.send_due(now, since, quiet)
+        self._seek(now)
+        due = self.session.send_due(now, since, quiet)
+        return due if self.session.is_welcome else min(due, now + _SEEK_PERIOD)
+
+    def _seek(self, now: float) -> None:
+        """Look for central at its other addresses if it is gone from the present one."""
+        session, transport = self.session, self._transport
+        is_there = transport.is_connected()
+        is_silent = session.heard < session.probed_since <= now - _SILENT
+        if (is_there and not is_silent) or now < self._seek_at:
+            return
+        self._seek_at = now + (_SILENT if is_there else _SEEK_PERIOD)
+        pulse = transport.seek()
+        if pulse is not None:
+            session.set_pulse(pulse)
+        if pulse is not None or (session.is_welcome and not is_there):
+            session.break_off()
 
     def listen_to_all(self) -> None:
         """Process all packets that have arrived."""
@@ -249,6 +274,8 @@ class PacketLine:
         """
         if self.session.outgoing:
             self._held_bytes = 0
+            if self._transport.has_others:
+                wait_seconds = min(wait_seconds, _SEEK_PERIOD)
             outgoing = self.session.pop_outgoing(self.handler_time)
             for sent, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):

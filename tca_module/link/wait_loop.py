@@ -208,7 +208,7 @@ class WaitLoop:
             ):
                 deadline, grace = self._after_message(deadline, grace)
                 continue
-            due = session.send_due(now, silent_since, quiet)
+            due = line.send_due(now, silent_since, quiet)
             if session.outgoing and not self._flush_within(
                 max(0.0, min(deadline - now, alarm - line.handler_time()))
             ):

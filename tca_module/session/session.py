@@ -292,6 +292,10 @@ class Session(OpenRequests):
             self.outgoing.append((_PROBE if self.is_welcome else self._hello, b""))
         return min(probe_at, due)
 
+    def set_pulse(self, pulse: bytes) -> None:
+        """Introduce this connection with another pulse from now on."""
+        self._hello = msgspec.structs.replace(self._hello, pulse=pulse)
+
     def break_off(self) -> None:
         """Start again with Hello, because the connection broke or central does not know it."""
         self.breaks += 1

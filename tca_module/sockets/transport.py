@@ -37,6 +37,7 @@ _OPTIONS = (
 
 
 _PROBED_WITHIN = 0.2  # seconds
+_LOOKS_EVERY = 1.0  # seconds between two looks whether central is gone, if it may move
 _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
 
@@ -48,6 +49,17 @@ class Transport(Protocol):
 
     hold_seconds: float
     """The seconds for which messages may wait for others, to share a packet."""
+    has_others: bool
+    """Whether central may move to another address."""
+
+    def is_connected(self) -> bool:
+        """Return whether some program accepts packets at the present address."""
+
+    def seek(self) -> bytes | None:
+        """Connect to another address at which some program listens.
+
+        Returns the name of the pulse to it; None if nobody listens at the other addresses.
+        """
 
     @property
     def address(self) -> str:
@@ -97,6 +109,20 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Close. Packets already sent still leave, for a second."""
+
+
+class OneAddress:
+    """The part of a transport that can't move."""
+
+    has_others = False
+
+    def is_connected(self) -> bool:
+        """Return True."""
+        return True
+
+    def seek(self) -> bytes | None:
+        """Return None."""
+        return None
 
 
 class Waker:
@@ -204,7 +230,8 @@ def wait_for_files(
 
 
 # Plain integers, because combining pyzmq's enum members costs a microsecond each time.
-_EVENTS, _POLLIN, _DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
+_EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
+_DONTWAIT = int(zmq.DONTWAIT)
 
 
 def context() -> "zmq.Context[zmq.Socket[bytes]]":
@@ -222,8 +249,11 @@ class DealerTransport:
 
     hold_seconds = 0.001
 
-    def __init__(self, address: str) -> None:
-        self.address = address
+    def __init__(self, addresses: str) -> None:
+        """*addresses*: one, or several with commas, of which one central leads."""
+        self._others = [one.strip() for one in addresses.split(",")]
+        self.address = address = self._others.pop(0)
+        self.has_others = bool(self._others)
         self._socket = context().socket(zmq.DEALER)
         self._file = int(self._socket.getsockopt(zmq.FD))
         self._receive_timeout = -1
@@ -247,6 +277,24 @@ class DealerTransport:
             ) from None
         self._pulse: Pulse | None = pulse_to(address)  #: None when closed
         self.pulse = self._pulse.name
+
+    def is_connected(self) -> bool:
+        """Return whether some program accepts packets at the present address."""
+        return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLOUT)
+
+    def seek(self) -> bytes | None:
+        """Connect to another address at which some program listens. Return the pulse's name."""
+        found = next((one for one in self._others if accepts_connections(one)), None)
+        if found is None or self._pulse is None:
+            return None
+        before, self.address = self.address, found
+        self._others.remove(found)
+        self._others.append(before)
+        self._socket.disconnect(before)
+        self._socket.connect(found)
+        self._pulse.release()
+        self._pulse = pulse_to(found)
+        return self._pulse.name
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send a packet; return whether it left. Waits *wait_seconds* at most."""
@@ -274,6 +322,10 @@ class DealerTransport:
             self._is_lively = False
             timeout_seconds -= _LIVELY
         if timeout_seconds > 0:
+            if self._others:  # no event may tell that central is gone
+                if not self.is_connected():
+                    return None
+                timeout_seconds = min(timeout_seconds, _LOOKS_EVERY)
             wait_for_files(self, timeout_seconds)
         return self.receive(0)
 

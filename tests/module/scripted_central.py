@@ -34,6 +34,7 @@ class ScriptedCentral:
 
     address = "ipc://scripted"
     hold_seconds = 0.0
+    has_others = False
 
     def __init__(self, script: Script) -> None:
         self.script = script
