@@ -6,8 +6,10 @@ import logging
 import os
 import signal
 import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from secrets import token_hex
+from typing import Any
 
 import click
 
@@ -15,6 +17,7 @@ from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
 from tca_central.replication.member import Member
+from tca_central.replication.shared_log import Deposed, log_in
 from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import raise_descriptor_limit
 from tca_central.shell.gate import OpenGate, gate_for
@@ -52,6 +55,30 @@ INSECURE = (
 CORE = "compiled" if is_compiled() else "pure Python"
 
 
+@dataclass(frozen=True)
+class Options:
+    """The options of the command line, by the names of their parameters."""
+
+    bind: str | None
+    journal: Path | None
+    sync: str
+    resume: tuple[str, ...]
+    permissions: Path | None
+    log_address: str | None
+    if_fails: str
+    lost_after: int
+    memory: int
+    tap_depth: int
+    task_depth: int
+    no_journal: bool
+    no_inputs: bool
+    fresh: bool
+    insecure: bool
+    quiet: bool
+    is_standby: bool = False  #: whether another central leads
+    is_manual: bool = False  #: whether a standby waits for a person
+
+
 class _NoRoom(click.ClickException):
     exit_code = DISK_FULL
 
@@ -81,13 +108,13 @@ def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None
         return None
 
 
-def _run_folder(
-    address: str, journal: Path | None, store: Store, *, is_fresh: bool, accept: bool
-) -> RunFolder:
+def _run_folder(options: Options, address: str, store: Store) -> RunFolder:
     """Return the folder of the run at an address, with the run that continues, if any.
 
     Raises CentralError.
     """
+    is_fresh, accept = options.fresh or options.no_inputs, "facts" in options.resume
+    journal = options.journal
     unfinished = None if journal else _unfinished_at(address, is_fresh=is_fresh, accept=accept)
     folder = journal or unfinished or new_journal()
     return RunFolder(folder, is_fresh=is_fresh, accept=accept, adopt=store.adopt)
@@ -100,26 +127,28 @@ def _kept_data(run: RunFolder | Member | None, sync: Sync, *, keeps_tasks: bool)
     return KeptData(run.path, run.central.epoch, sync, keeps_tasks=keeps_tasks)
 
 
-def _member(log_address: str, endpoint: str, journal: Path | None, store: Store) -> Member:
-    """Return this central as a member of those with the same log. Raises CentralError."""
+def _member(options: Options, address: str, store: Store) -> Member:
+    """Return this central as one of those with the same log. Raises CentralError."""
     try:
         from tca_central.replication.jetstream import JetStreamLog  # noqa: PLC0415 - an extra
     except ImportError as error:
         msg = f"--log needs {error.name}: pip install 'tca-central[log]'"
         raise CentralError(msg) from None
-    servers, _, name = log_address.removeprefix("nats://").partition("/")
-    addresses = [f"nats://{server.strip()}" for server in servers.split(",")]
-    shared = JetStreamLog(addresses, name or "robot")
-    return Member(shared, endpoint, journal or new_journal(), store.adopt)
+    shared = JetStreamLog(*log_in(str(options.log_address)))
+    return Member(shared, address, options.journal or new_journal(), store.adopt)
 
 
-def _stand_by(member: Member, *, is_manual: bool) -> bool:
-    """Follow the leader until this central leads. Return False if a signal ends the process."""
+def _lead(member: Member, options: Options) -> bool:
+    """Lead, at once or as a standby. Return False if a signal or the run's end came first."""
+    if not options.is_standby:
+        member.begin(is_fresh=options.fresh)
+        return True
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: signals.append(number))
+    signal.signal(signal.SIGUSR1, lambda *_: member.lead_now())
     log.info("follows the log")
-    return member.stand_by(lambda: bool(signals), is_manual=is_manual)
+    return member.stand_by(lambda: bool(signals), is_manual=options.is_manual)
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -300,64 +329,64 @@ def _install_signal_handlers(server: Daemon) -> None:
 @click.version_option(
     release(), prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
 )
-def central(  # noqa: PLR0913 - one parameter per option
-    bind: str | None,
-    journal: Path | None,
-    sync: str,
-    resume: tuple[str, ...],
-    permissions: Path | None,
-    log_address: str | None,
-    *,
-    if_fails: str,
-    lost_after: int,
-    memory: int,
-    tap_depth: int,
-    task_depth: int,
-    no_journal: bool,
-    no_inputs: bool,
-    fresh: bool,
-    insecure: bool,
-    quiet: bool,
-    is_standby: bool = False,
-    is_manual: bool = False,
-) -> None:
+def central(**options: Any) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
-    _set_up_logging(quiet=quiet)
-    endpoint = bind or default_endpoint()
-    _check_address(endpoint, insecure=insecure)
+    run_central(Options(**options))
+
+
+def run_central(options: Options) -> None:
+    """Run central until it ends, as one of several with the same log perhaps."""
+    _set_up_logging(quiet=options.quiet)
+    options = replace(options, bind=options.bind or default_endpoint())
+    _check_address(str(options.bind), insecure=options.insecure)
     raise_descriptor_limit()
+    while True:
+        try:
+            _run_once(options)
+        except Deposed as error:
+            log.warning("%s: this one follows it from now on", error)
+            options = replace(options, is_standby=True, fresh=False, resume=())
+        except (CentralError, KeyRefused, NoHome) as error:
+            raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(
+                str(error)
+            ) from None
+        else:
+            return
+
+
+def _run_once(options: Options) -> None:
+    """Run central until it ends, or another one leads. Raises CentralError, KeyRefused, NoHome."""
     run: RunFolder | Member | None = None
     server: Daemon | None = None
-    store = Store()
+    store, endpoint = Store(), str(options.bind)
+    keeps_inputs = not options.no_inputs
     try:
-        if log_address is not None:
-            run = member = _member(log_address, endpoint, journal, store)
-            if not is_standby:
-                member.begin(is_fresh=fresh)
-            elif not _stand_by(member, is_manual=is_manual):
+        if options.log_address is not None:
+            run = member = _member(options, endpoint, store)
+            if not _lead(member, options):
                 return
-        elif not no_journal:
-            is_fresh, accept = fresh or no_inputs, "facts" in resume
-            run = _run_folder(endpoint, journal, store, is_fresh=is_fresh, accept=accept)
-        gate = gate_for(endpoint, permissions, insecure=insecure)
+        elif not options.no_journal:
+            run = _run_folder(options, endpoint, store)
+        gate = gate_for(endpoint, options.permissions, insecure=options.insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Daemon(
             known,
             endpoint,
-            lost_after=lost_after,
+            lost_after=options.lost_after,
             gate=gate,
-            memory=memory,
-            tap_depth=tap_depth,
-            task_depth=task_depth,
+            memory=options.memory,
+            tap_depth=options.tap_depth,
+            task_depth=options.task_depth,
             store=store,
         )
-        store.open(known.epoch, _kept_data(run, Sync(sync), keeps_tasks=not no_inputs))
-        server.continues_unrecorded = if_fails == "go-on"
+        sync = Sync(options.sync)
+        kept = _kept_data(run, sync, keeps_tasks=keeps_inputs)
+        store.open(known.epoch, kept, succeeds_living=options.is_standby)
+        server.continues_unrecorded = options.if_fails == "go-on"
         if run is not None:
-            run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)
-        _link_journal(
-            server.endpoint, None if run is None else run.path, is_named=journal is not None
-        )
+            run.open(server, sync, keeps_inputs=keeps_inputs, hold="hold" in options.resume)
+        journal = None if run is None else run.path
+        _link_journal(server.endpoint, journal, is_named=options.journal is not None)
         _install_signal_handlers(server)
         log.info("listening on %s", server.endpoint)
         if isinstance(gate, OpenGate):
@@ -366,10 +395,6 @@ def central(  # noqa: PLR0913 - one parameter per option
         # Objects that last as long as central need no scan in each garbage collection.
         gc.freeze()
         server.serve()
-    except (CentralError, KeyRefused, NoHome) as error:
-        raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(
-            str(error)
-        ) from None
     finally:
         if server is not None:
             server.close()

@@ -50,7 +50,7 @@ class Follower:
         self._pieces = Pieces()
         self._early: list[Turn] = []  #: turns before the first image
         self._heard = time.monotonic()  #: when the last message came
-        self._is_over = False  #: whether the run has ended
+        self.is_over = False  #: whether the run has ended
 
     @property
     def away(self) -> float:
@@ -84,8 +84,8 @@ class Follower:
 
         With *is_fresh* a new run starts even if the last one is unfinished. Raises CentralError.
         """
-        is_first = is_fresh or self._is_over or self.central is None
-        if is_first and not is_fresh and self.last and not self._is_over:
+        is_first = is_fresh or self.is_over or self.central is None
+        if is_first and not is_fresh and self.last and not self.is_over:
             msg = "the log has the end of a run, without its start or an image: --fresh leaves it"
             raise CentralError(msg)
         epoch = token_hex(8) if is_first or self.central is None else self.central.epoch
@@ -103,10 +103,10 @@ class Follower:
 
     def _begin_term(self, term: Term) -> None:
         if term.is_first:
-            if self.central is not None and not self._is_over:
+            if self.central is not None and not self.is_over:
                 msg = "another run was started on the log"
                 raise LogEnded(msg)
-            self.central, self._is_over = Central(term.epoch), False
+            self.central, self.is_over = Central(term.epoch), False
             self._early.clear()
         self.term = term
 
@@ -134,4 +134,4 @@ class Follower:
             for event in events_of(logged, spared, self._adopt):
                 entries += [one.entry for one in central.handle(event) if isinstance(one, Record)]
         self._write(central, entries)
-        self._is_over = ended
+        self.is_over = ended

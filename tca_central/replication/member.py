@@ -47,6 +47,7 @@ class Member:
         self._journal: JournalWriter | None = None
         self._follower = Follower(shared, self._write, adopt)
         self._since = time.monotonic()
+        self._is_asked = False  #: whether a person wants this central to lead
         self._show(is_leader=False)
 
     @property
@@ -77,17 +78,24 @@ class Member:
     def stand_by(self, is_stopping: Callable[[], bool], *, is_manual: bool = False) -> bool:
         """Follow the leader until it is silent, and lead then. Return False if *is_stopping*.
 
-        With *is_manual* only a leader's regular end lets this central lead.
+        With *is_manual* this central waits for ``lead_now``. The run's end ends it, too.
         """
-        while not is_stopping():
+        while not is_stopping() and not self._follower.is_over:
             self._follower.follow(0.1)
             self._show(is_leader=False)
-            is_patient = is_manual or time.monotonic() < self._since + SILENT
-            if is_patient or self.leader() is not None or self._follower.away < SILENT:
-                continue
-            if self._follower.take_over(self._address):
+            if self._may_lead(is_manual=is_manual) and self._follower.take_over(self._address):
                 return True
         return False
+
+    def _may_lead(self, *, is_manual: bool) -> bool:
+        if self._is_asked or is_manual:
+            return self._is_asked
+        is_early = time.monotonic() < self._since + SILENT or self._follower.away < SILENT
+        return not is_early and self.leader() is None
+
+    def lead_now(self) -> None:
+        """Lead although another central does, or with a person's consent. A signal may call it."""
+        self._is_asked = True
 
     def _show(self, *, is_leader: bool) -> Sign:
         sign = Sign(self._name, self._address, is_leader, self._follower.last)

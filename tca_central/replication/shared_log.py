@@ -5,6 +5,7 @@ knows, and fails if the log has a later one. So whoever appends has read everyth
 centrals never both extend the log: the log itself is the lock.
 """
 
+import re
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple, Protocol
@@ -15,6 +16,8 @@ from tca_central.errors import CentralError
 
 PIECE_BYTES = 512 << 10
 """Bytes in one message at most. The engine's limit is a mebibyte, with its headers."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 class Kind(StrEnum):
@@ -59,8 +62,9 @@ class SharedLog(Protocol):
     ) -> int:
         """Append a record in pieces after message *after*. Return the number of its last piece.
 
-        With *is_more* other pieces of the record follow later. Raises Deposed if another writer's message follows *after*. Nothing is appended then, or
-        pieces without an end, which readers discard. Raises LogUnreachable.
+        With *is_more* other pieces of the record follow later. Raises Deposed if another writer's
+        message follows *after*. Nothing is appended then, or pieces without an end, which readers
+        discard. Raises LogUnreachable.
         """
 
     def read(self, after: int, seconds: float) -> list[Message]:
@@ -89,3 +93,22 @@ def cut(data: bytes) -> list[bytes]:
         return [data]
     view = memoryview(data)
     return [bytes(view[at : at + PIECE_BYTES]) for at in range(0, len(data), PIECE_BYTES)]
+
+
+def log_in(address: str) -> tuple[list[str], str]:
+    """Return the servers and the name in the address of a log. Raises CentralError.
+
+    Example:
+        >>> log_in("nats://10.0.0.1:4222,10.0.0.2/rover")
+        (['nats://10.0.0.1:4222', 'nats://10.0.0.2'], 'rover')
+    """
+    scheme, _, rest = address.partition("://")
+    servers, _, name = rest.partition("/")
+    found = [f"nats://{one.strip()}" for one in servers.split(",") if one.strip()]
+    if scheme != "nats" or not found or not _NAME.fullmatch(name := name or "robot"):
+        msg = (
+            f"'{address}' is not the address of a log: use nats://host:port,host:port/NAME, "
+            "with letters, digits, - and _ in NAME"
+        )
+        raise CentralError(msg)
+    return found, name

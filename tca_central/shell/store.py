@@ -84,6 +84,7 @@ class Store:
         self._root = root or ROOT
         self.folder: Path | None = None
         self._lock = -1
+        self._is_locked = True  #: whether this central has the lock of the open folder
         self._held: dict[str, _Held] = {}  #: by name
         self._ended: list[str] = []  #: names of bodies that have ended
         #: Incarnations that share memory: each has a folder, which tells the next central.
@@ -97,16 +98,20 @@ class Store:
 
     # --- the folder -------------------------------------------------------------------------------
 
-    def open(self, epoch: str, kept: KeptData | None = None) -> None:
+    def open(
+        self, epoch: str, kept: KeptData | None = None, *, succeeds_living: bool = False
+    ) -> None:
         """Create the folder of a run, or continue with it. Remove the folders of dead centrals.
 
         Args:
             epoch: The run.
             kept: Copies segments to the disk; None: nothing is copied.
+            succeeds_living: Whether the central before may still live, and have the lock. It
+                changes nothing any more.
         """
         folder = self._root / f"tca-{os.getuid()}-{epoch}"
         try:
-            self._lock = _locked_folder(folder)
+            self._lock, self._is_locked = _locked_folder(folder, is_patient=not succeeds_living)
             (folder / KEY).write_text(epoch)
             if kept is not None and kept.keeps_tasks:
                 (folder / JOURNAL).write_bytes(os.fsencode(kept.folder))
@@ -293,6 +298,8 @@ class Store:
         if self.folder is None:
             return
         now = time.monotonic()
+        if not self._is_locked:
+            self._is_locked = _is_locked_now(self._lock)
         if self._dead is not None and now >= self._next_cleaning:
             self._next_cleaning = now + CLEANED_EVERY
             self._dead.remove()
@@ -354,16 +361,30 @@ def _names_in(folder: Path) -> list[str]:
         return []
 
 
-def _locked_folder(folder: Path) -> int:
-    """Create and lock a private folder. Return the lock's file. Raises OSError."""
+def _locked_folder(folder: Path, *, is_patient: bool) -> tuple[int, bool]:
+    """Create and lock a private folder. Raises OSError.
+
+    Returns the lock's file, and whether it is locked; always if the call *is_patient*.
+    """
     while True:
         folder.mkdir(exist_ok=True, mode=0o700)
         locked = open_folder(folder)
         try:
+            if not is_patient:
+                return locked, _is_locked_now(locked)
             lock(locked, SAVED_IN)
             if os.fstat(locked).st_nlink and folder.exists():
-                return locked  # else another central has just removed it as a dead one's
+                return locked, True  # else another central has just removed it as a dead one's
         except OSError:
             os.close(locked)
             raise
         os.close(locked)
+
+
+def _is_locked_now(file: int) -> bool:
+    """Lock a file, unless another process has the lock. Return whether it is locked."""
+    try:
+        lock(file, 0.0)
+    except BlockingIOError:
+        return False
+    return True

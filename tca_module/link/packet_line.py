@@ -133,20 +133,17 @@ class PacketLine:
             return self.session.send_due(now, since, quiet)
         self._seek(now)
         due = self.session.send_due(now, since, quiet)
-        return due if self.session.is_welcome else min(due, now + _SEEK_PERIOD)
+        return min(due, now + (_SILENT if self.session.is_welcome else _SEEK_PERIOD))
 
     def _seek(self, now: float) -> None:
         """Look for central at its other addresses if it is gone from the present one."""
         session, transport = self.session, self._transport
-        is_there = transport.is_connected()
         is_silent = session.heard < session.probed_since <= now - _SILENT
-        if (is_there and not is_silent) or now < self._seek_at:
+        if now < self._seek_at or not (is_silent or transport.is_lost()):
             return
-        self._seek_at = now + (_SILENT if is_there else _SEEK_PERIOD)
-        pulse = transport.seek()
-        if pulse is not None:
+        self._seek_at = now + (_SILENT if is_silent else _SEEK_PERIOD)
+        if (pulse := transport.seek()) is not None:
             session.set_pulse(pulse)
-        if pulse is not None or (session.is_welcome and not is_there):
             session.break_off()
 
     def listen_to_all(self) -> None:

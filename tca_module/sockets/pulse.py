@@ -8,6 +8,7 @@ import contextlib
 import os
 import signal
 import threading
+import time
 from secrets import token_hex
 
 import zmq
@@ -39,14 +40,35 @@ class Pulse:
         socket.setsockopt(zmq.ROUTING_ID, self.name)
         set_client_key(socket, address)
         socket.connect(address)
+        copies = self._context.socket(zmq.PUB)
+        copies.setsockopt(zmq.LINGER, 0)
+        copies.bind("inproc://copies")
+        self._heartbeats = self._context.socket(zmq.SUB)  #: gets a copy of each heartbeat
+        self._heartbeats.setsockopt(zmq.CONFLATE, 1)
+        self._heartbeats.setsockopt(zmq.LINGER, 0)
+        self._heartbeats.setsockopt(zmq.SUBSCRIBE, b"")
+        self._heartbeats.connect("inproc://copies")
+        self._felt = time.monotonic()  #: when a heartbeat was last found
         is_started = threading.Event()
         self._thread = threading.Thread(
-            target=_echo, args=(socket, is_started), name="pulse", daemon=True
+            target=_echo, args=(socket, copies, is_started), name="pulse", daemon=True
         )
         self._thread.start()
         # The thread must run before central knows of the pulse, and before another thread holds
         # Python's lock for long.
         is_started.wait()
+
+    def silence(self) -> float:
+        """Return the seconds since central's last heartbeat, at most since the last call but one.
+
+        Central sends one a second, unless ``--lost-after`` is 0.
+        """
+        now = time.monotonic()
+        with _lock:
+            if self.users and self._heartbeats.poll(0):
+                self._heartbeats.recv()
+                self._felt = now
+        return now - self._felt
 
     def release(self) -> None:
         """End one use; the last one closes the pulse."""
@@ -55,6 +77,7 @@ class Pulse:
             if self.users:
                 return
             _pulses.pop(self._key, None)
+            self._heartbeats.close()
         self._context.term()
         self._thread.join()
 
@@ -83,9 +106,11 @@ def pulse_to(address: str) -> Pulse:
         return pulse
 
 
-def _echo(socket: "zmq.Socket[bytes]", is_started: threading.Event) -> None:
+def _echo(
+    socket: "zmq.Socket[bytes]", copies: "zmq.Socket[bytes]", is_started: threading.Event
+) -> None:
     # A signal delivered to this thread would have to wait for Python's lock.
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
-    with contextlib.suppress(zmq.ContextTerminated), socket:
+    with contextlib.suppress(zmq.ContextTerminated), socket, copies:
         is_started.set()
-        zmq.proxy(socket, socket)
+        zmq.proxy(socket, socket, copies)

@@ -37,6 +37,7 @@ _OPTIONS = (
 
 
 _PROBED_WITHIN = 0.2  # seconds
+_SILENT = 3.0  # seconds without a heartbeat after which central may lead at another address
 _LOOKS_EVERY = 1.0  # seconds between two looks whether central is gone, if it may move
 _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
@@ -52,8 +53,8 @@ class Transport(Protocol):
     has_others: bool
     """Whether central may move to another address."""
 
-    def is_connected(self) -> bool:
-        """Return whether some program accepts packets at the present address."""
+    def is_lost(self) -> bool:
+        """Return whether central may have moved: it is gone from here, or silent."""
 
     def seek(self) -> bytes | None:
         """Connect to another address at which some program listens.
@@ -116,9 +117,9 @@ class OneAddress:
 
     has_others = False
 
-    def is_connected(self) -> bool:
-        """Return True."""
-        return True
+    def is_lost(self) -> bool:
+        """Return False."""
+        return False
 
     def seek(self) -> bytes | None:
         """Return None."""
@@ -244,6 +245,17 @@ def _context_of(_process: int) -> "zmq.Context[zmq.Socket[bytes]]":
     return zmq.Context()
 
 
+class _Place:
+    """Where this process has last found the central of a list of addresses."""
+
+    address = ""
+
+
+@functools.cache
+def _place_of(_process: int, _addresses: str) -> _Place:
+    return _Place()
+
+
 class DealerTransport:
     """A transport by a DEALER socket."""
 
@@ -251,9 +263,11 @@ class DealerTransport:
 
     def __init__(self, addresses: str) -> None:
         """*addresses*: one, or several with commas, of which one central leads."""
-        self._others = [one.strip() for one in addresses.split(",")]
-        self.address = address = self._others.pop(0)
-        self.has_others = bool(self._others)
+        self._addresses = [one.strip() for one in addresses.split(",")]
+        self._place = _place_of(os.getpid(), addresses)
+        self.address = address = self._place.address or self._addresses[0]
+        self._place.address = address
+        self.has_others = len(self._addresses) > 1
         self._socket = context().socket(zmq.DEALER)
         self._file = int(self._socket.getsockopt(zmq.FD))
         self._receive_timeout = -1
@@ -278,22 +292,27 @@ class DealerTransport:
         self._pulse: Pulse | None = pulse_to(address)  #: None when closed
         self.pulse = self._pulse.name
 
-    def is_connected(self) -> bool:
-        """Return whether some program accepts packets at the present address."""
+    @property
+    def _is_connected(self) -> bool:
         return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLOUT)
+
+    def is_lost(self) -> bool:
+        """Return whether central may have moved: it is gone from here, or silent."""
+        is_silent = self._pulse is not None and self._pulse.silence() > _SILENT
+        return is_silent or self._place.address != self.address or not self._is_connected
 
     def seek(self) -> bytes | None:
         """Connect to another address at which some program listens. Return the pulse's name."""
-        found = next((one for one in self._others if accepts_connections(one)), None)
+        addresses = [self._place.address, *self._addresses]
+        others = (one for one in addresses if one != self.address)
+        found = next((one for one in others if accepts_connections(one)), None)
         if found is None or self._pulse is None:
             return None
-        before, self.address = self.address, found
-        self._others.remove(found)
-        self._others.append(before)
-        self._socket.disconnect(before)
+        self._socket.disconnect(self.address)
         self._socket.connect(found)
         self._pulse.release()
         self._pulse = pulse_to(found)
+        self.address = self._place.address = found
         return self._pulse.name
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
@@ -322,8 +341,8 @@ class DealerTransport:
             self._is_lively = False
             timeout_seconds -= _LIVELY
         if timeout_seconds > 0:
-            if self._others:  # no event may tell that central is gone
-                if not self.is_connected():
+            if self.has_others:  # no event may tell that central is gone
+                if not self._is_connected:
                     return None
                 timeout_seconds = min(timeout_seconds, _LOOKS_EVERY)
             wait_for_files(self, timeout_seconds)
