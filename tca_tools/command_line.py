@@ -22,7 +22,7 @@ from tca_wire.text.nearest import did_you_mean
 COMMANDS = "tca.commands"
 GROUPS = {
     "Run": (
-        "central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached",
+        "central", "standby", "run", "keys", "status", "top", "modules", "messages", "variables", "attached",
         "activities",
     ),
     "Send and steer": (

@@ -1,0 +1,83 @@
+"""Real NATS servers for tests: a cluster on this computer, whose servers die and return."""
+
+import signal
+import socket
+import subprocess
+import sysconfig
+from pathlib import Path
+
+SERVER = Path(sysconfig.get_path("scripts")) / "nats-server"
+
+
+class NatsServers:
+    """A cluster of servers with JetStream.
+
+    Args:
+        folder: The folder for their files.
+        number: The number of servers.
+        store: Bytes that each one may store.
+    """
+
+    def __init__(self, folder: Path, number: int = 3, *, store: int = 1 << 30) -> None:
+        self.ports = [free_port() for _ in range(number)]
+        self._routes = [free_port() for _ in range(number)]
+        self._folder, self._store = folder, store
+        self.processes: list[subprocess.Popen[bytes] | None] = [None] * number
+        for one in range(number):
+            self.start(one)
+
+    def address(self, name: str = "robot") -> str:
+        """Return the address of a log on these servers."""
+        return f"nats://{','.join(f'127.0.0.1:{port}' for port in self.ports)}/{name}"
+
+    def start(self, number: int) -> None:
+        """Start a server, or start it again."""
+        folder = self._folder / f"nats{number}"
+        folder.mkdir(parents=True, exist_ok=True)
+        routes = ", ".join(f'"nats://127.0.0.1:{port}"' for port in self._routes)
+        cluster = (
+            f'cluster {{ name: tests, listen: "127.0.0.1:{self._routes[number]}", '
+            f"routes: [{routes}] }}\n"
+            if len(self.ports) > 1
+            else ""
+        )
+        (folder / "server.conf").write_text(
+            f'server_name: s{number}\nlisten: "127.0.0.1:{self.ports[number]}"\n{cluster}'
+            f'jetstream {{ store_dir: "{folder}/store", max_file_store: {self._store} }}\n'
+        )
+        self.processes[number] = subprocess.Popen(
+            [SERVER, "-c", folder / "server.conf", "-l", folder / "server.log"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def kill(self, number: int) -> None:
+        """Kill a server, if it runs."""
+        if (process := self.processes[number]) is not None:
+            process.kill()
+            process.wait()
+            self.processes[number] = None
+
+    def stop(self, number: int) -> None:
+        """Let a server stand still."""
+        self._signal(number, signal.SIGSTOP)
+
+    def resume(self, number: int) -> None:
+        """Let a server that stands still continue."""
+        self._signal(number, signal.SIGCONT)
+
+    def _signal(self, number: int, which: signal.Signals) -> None:
+        if (process := self.processes[number]) is not None:
+            process.send_signal(which)
+
+    def close(self) -> None:
+        """Kill all servers."""
+        for number in range(len(self.processes)):
+            self.kill(number)
+
+
+def free_port() -> int:
+    """Return a port that no program uses now."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
