@@ -16,7 +16,9 @@ import click
 from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
+from tca_central.replication.follower import FollowedRunLost
 from tca_central.replication.member import Member
+from tca_central.replication.shared_data import SharedData
 from tca_central.replication.shared_log import Deposed, log_in
 from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import raise_descriptor_limit
@@ -77,6 +79,7 @@ class Options:
     quiet: bool
     is_standby: bool = False  #: whether another central leads
     is_manual: bool = False  #: whether a standby waits for a person
+    folder: Path | None = None  #: the folder of the journal, with a replicated log
 
 
 class _NoRoom(click.ClickException):
@@ -121,13 +124,15 @@ def _run_folder(options: Options, address: str, store: Store) -> RunFolder:
 
 
 def _kept_data(run: RunFolder | Member | None, sync: Sync, *, keeps_tasks: bool) -> KeptData | None:
-    """Return the copies of large data on the disk; None without a journal."""
+    """Return the copies of large data, on the disk or in the log; None without a journal."""
     if run is None:
         return None
+    if isinstance(run, Member):
+        return SharedData(run.shared, run.path, run.central.epoch, sync)
     return KeptData(run.path, run.central.epoch, sync, keeps_tasks=keeps_tasks)
 
 
-def _member(options: Options, address: str, store: Store) -> Member:
+def _member(options: Options, address: str, store: Store, key: str) -> Member:
     """Return this central as one of those with the same log. Raises CentralError."""
     try:
         from tca_central.replication.jetstream import JetStreamLog  # noqa: PLC0415 - an extra
@@ -135,7 +140,11 @@ def _member(options: Options, address: str, store: Store) -> Member:
         msg = f"--log needs {error.name}: pip install 'tca-central[log]'"
         raise CentralError(msg) from None
     shared = JetStreamLog(*log_in(str(options.log_address)))
-    return Member(shared, address, options.journal or new_journal(), store.adopt)
+    try:
+        return Member(shared, address, options.folder or new_journal(), store, key)
+    except CentralError:
+        shared.close()
+        raise
 
 
 def _lead(member: Member, options: Options) -> bool:
@@ -147,7 +156,7 @@ def _lead(member: Member, options: Options) -> bool:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: signals.append(number))
     signal.signal(signal.SIGUSR1, lambda *_: member.lead_now())
-    log.info("follows the log")
+    log.info("follows the log; journal in %s", member.path)
     return member.stand_by(lambda: bool(signals), is_manual=options.is_manual)
 
 
@@ -171,6 +180,21 @@ def _check_address(bind: str, *, insecure: bool) -> None:
             "leave --insecure out, and make keys with 'tca keys new NAME'"
         )
         raise click.UsageError(msg)
+
+
+def _check_log_options(options: Options) -> None:
+    """Raise UsageError for options that contradict --log."""
+    if options.log_address is None:
+        return
+    wrong = {
+        "--no-journal": options.no_journal,
+        "--no-inputs": options.no_inputs,
+        "--if-journal-fails go-on": options.if_fails != "stop",
+        "--resume facts": "facts" in options.resume,
+    }
+    for option, is_given in wrong.items():
+        if is_given:
+            raise click.UsageError(f"leave {option} out: with --log the inputs are in the log")
 
 
 def _link_journal(address: str, journal: Path | None, *, is_named: bool) -> None:
@@ -339,12 +363,15 @@ def run_central(options: Options) -> None:
     _set_up_logging(quiet=options.quiet)
     options = replace(options, bind=options.bind or default_endpoint())
     _check_address(str(options.bind), insecure=options.insecure)
+    _check_log_options(options)
+    if options.log_address is not None:  # the same if this central becomes a standby later
+        options = replace(options, folder=options.journal or new_journal())
     raise_descriptor_limit()
     while True:
         try:
             _run_once(options)
-        except Deposed as error:
-            log.warning("%s: this one follows it from now on", error)
+        except (Deposed, FollowedRunLost) as error:
+            log.warning("%s: this central follows the log from its start", error)
             options = replace(options, is_standby=True, fresh=False, resume=())
         except (CentralError, KeyRefused, NoHome) as error:
             raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(
@@ -361,13 +388,13 @@ def _run_once(options: Options) -> None:
     store, endpoint = Store(), str(options.bind)
     keeps_inputs = not options.no_inputs
     try:
+        gate = gate_for(endpoint, options.permissions, insecure=options.insecure)
         if options.log_address is not None:
-            run = member = _member(options, endpoint, store)
+            run = member = _member(options, endpoint, store, gate.public_key)
             if not _lead(member, options):
                 return
         elif not options.no_journal:
             run = _run_folder(options, endpoint, store)
-        gate = gate_for(endpoint, options.permissions, insecure=options.insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Daemon(
             known,

@@ -31,17 +31,12 @@ from tca_central.errors import RequestError
 from tca_central.events import (
     AdminEvent,
     BadBytes,
-    ConfirmTasks,
     ConnectionId,
     ConnectionLost,
-    DiskSpace,
     Effect,
     Event,
-    LimitsSet,
-    PermissionsChanged,
     Record,
     RequestReceived,
-    Restarted,
     Tick,
     Transmit,
 )
@@ -56,13 +51,13 @@ from tca_central.outgoing import availability
 from tca_central.requests import (
     joining,
     naming,
-    permissions,
     replying,
     restarting,
     sending,
     variables,
     waiting,
 )
+from tca_central.requests.administering import ADMIN_HANDLERS
 from tca_central.state import State, TaskWait
 from tca_central.status import topics
 from tca_central.watching import taps, watches
@@ -170,20 +165,7 @@ class Central(State):
     def _on_admin_event(self, event: AdminEvent, effects: list[Effect]) -> None:
         """Handle an event of the operator, or an event that central itself raises."""
         self.event_count += 1
-        if isinstance(event, ConfirmTasks):
-            for connection in list(self.unconfirmed):
-                self.confirm_tasks(connection)
-        elif isinstance(event, Restarted):
-            restarting.on_restarted(self, event)
-        elif isinstance(event, LimitsSet):
-            self.set_limits(event)
-        elif isinstance(event, PermissionsChanged):
-            permissions.change_permissions(self, event)
-        elif isinstance(event, DiskSpace):
-            self.is_disk_low = event.is_low
-            self.facts.append(facts.DiskSpace(event.is_low))
-        else:
-            self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
+        ADMIN_HANDLERS[type(event)](self, cast("Never", event))
         self._process_all()
         self._report(effects, event.time, causes.Administrator())
 

@@ -116,6 +116,26 @@ class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
     is_low: bool
 
 
+class Standby(msgspec.Struct, frozen=True, array_like=True):
+    """A central that follows the replicated log, and may lead later."""
+
+    process: str
+    """The process, as "host:pid"."""
+    address: str
+    """Where modules find it when it leads."""
+    behind: int = 0
+    """How many seconds ago the leader appended what it has yet to read, roughly."""
+
+
+class MembersChanged(msgspec.Struct, frozen=True, array_like=True, tag="n"):
+    """The centrals with the same replicated log have changed: process *leader* leads."""
+
+    time: EntryTime
+    leader: str
+    address: str
+    standbys: tuple[Standby, ...] = ()
+
+
 class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
     """New limits apply from now on."""
 
@@ -163,7 +183,15 @@ class RequestSkipped(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     """The index of the request in the packet."""
 
 
-AdminEvent = ConfirmTasks | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
+AdminEvent = (
+    ConfirmTasks
+    | KeysChanged
+    | PermissionsChanged
+    | DiskSpace
+    | MembersChanged
+    | LimitsSet
+    | Restarted
+)
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | AdminEvent
 Input = Arrived | BadBytes | ConnectionLost | Tick | AdminEvent | RequestSkipped
 

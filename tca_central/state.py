@@ -1,7 +1,7 @@
 """The state of central, and operations on several of its parts. The rules are in other files."""
 
 from tca_central.errors import RequestError
-from tca_central.events import LimitsSet, Transmit
+from tca_central.events import LimitsSet, MembersChanged, Transmit
 from tca_central.model.answers import KeptAnswers
 from tca_central.model.budget import (
     ATTACHED_BYTES,
@@ -170,6 +170,7 @@ class State(Waits):
         "dispatcher",
         "is_disk_low",
         "lost_ids",
+        "members",
         "memory",
         "observers",
         "registry",
@@ -209,6 +210,8 @@ class State(Waits):
         #: Ranges (first, last) of ids that central may have given, and the disk has lost.
         self.lost_ids: list[tuple[int, int]] = []
         self.is_disk_low = False  #: whether new tasks are refused
+        #: The centrals with the same replicated log; None without such a log.
+        self.members: MembersChanged | None = None
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
         """Give a message to the handler in a slot. Every delivery goes through here.

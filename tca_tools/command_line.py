@@ -22,8 +22,8 @@ from tca_wire.text.nearest import did_you_mean
 COMMANDS = "tca.commands"
 GROUPS = {
     "Run": (
-        "central", "standby", "run", "keys", "status", "top", "modules", "messages", "variables", "attached",
-        "activities",
+        "central", "standby", "run", "keys", "status", "top", "modules", "messages", "variables",
+        "attached", "activities",
     ),
     "Send and steer": (
         "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume",

@@ -56,6 +56,10 @@ ONLY_IN = {
         "robots/engine.py",
         "robots/youbot_sim/physics.py",
     },
+    "nats": {
+        "tca_central/replication/jetstream.py",
+        "tca_central/replication/jetstream_bodies.py",
+    },
     "statemachine": {"tca_behaviours/statecharts/library.py"},
     "pytest": {"tca_tools/testing/plugin.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
@@ -161,7 +165,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "image": {"core", "errors", "model"},
         "inputs": {"events"},
         "shell": {"core", "errors", "events", "image", "inputs", "model"},
-        "__main__": {"core", "errors", "loading", "shell"},
+        "replication": {"core", "errors", "events", "image", "inputs", "shell"},
+        "__main__": {"core", "errors", "loading", "replication", "shell"},
     },
     "tca_behaviours.missions": {
         "outcomes": set(),

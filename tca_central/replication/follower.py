@@ -26,9 +26,14 @@ from tca_wire.release import release
 Write = Callable[[Central, Sequence[Entry]], None]
 """Writes the entries of a central to a journal."""
 
+STALL = 0.5
+"""Seconds that a read may take longer than asked for. Beyond that, the log or this process stalled,
+so that the leader may have been unable to append.
+"""
 
-class LogEnded(CentralError):
-    """The run that was followed has ended, or another one has begun."""
+
+class FollowedRunLost(CentralError):
+    """The run that was followed can't be followed any more: follow the log from its start."""
 
 
 class Follower:
@@ -38,35 +43,34 @@ class Follower:
         log: The log.
         write: Gets the entries of the journal, turn by turn.
         adopt: Gets each large body.
+        key: The public key with which this central would listen.
     """
 
-    def __init__(self, log: SharedLog, write: Write, adopt: Adopt = bytes) -> None:
+    def __init__(self, log: SharedLog, write: Write, adopt: Adopt = bytes, key: str = "") -> None:
         self.central: Central | None = None  #: None: nothing is known yet
         self.last = 0  #: the last message that was read
         self.term: Term | None = None  #: the newest term
         self.inputs = 0  #: the number of inputs that were handled
         self.image_events = 0  #: the number of events that led to the image
-        self._log, self._write, self._adopt = log, write, adopt
+        self.silence = 0.0  #: seconds for which the log has answered, and had no new message
+        self._log, self._write, self._adopt, self._key = log, write, adopt, key
         self._pieces = Pieces()
         self._early: list[Turn] = []  #: turns before the first image
-        self._heard = time.monotonic()  #: when the last message came
-        self.is_over = False  #: whether the run has ended
-
-    @property
-    def away(self) -> float:
-        """The seconds since the last message."""
-        return time.monotonic() - self._heard
+        self.ended: Ended | None = None  #: how the run has ended
 
     def follow(self, seconds: float) -> bool:
         """Read what follows, within *seconds*. Return whether there was something.
 
-        Raises LogEnded if a run has ended that was followed, CentralError.
+        Raises FollowedRunLost if the log has no more of this run, CentralError.
         """
+        began = time.monotonic()
         messages = self._log.read(self.last, seconds)
+        took = time.monotonic() - began
+        self.silence = 0.0 if messages or took > seconds + STALL else self.silence + took
         for message in messages:
             if message.sequence != self.last + 1 and self.central is not None:
-                msg = "the log has lost messages that were not read yet: start this program again"
-                raise LogEnded(msg)
+                msg = f"messages {self.last + 1} to {message.sequence - 1} of the log were removed"
+                raise FollowedRunLost(msg)
             self.last = message.sequence
             record = self._pieces.add(message)
             if isinstance(record, Term):
@@ -75,8 +79,6 @@ class Follower:
                 self._handle(record)
             elif record is not None:
                 self._use(record)
-        if messages:
-            self._heard = time.monotonic()
         return bool(messages)
 
     def take_over(self, address: str, *, is_fresh: bool = False) -> bool:
@@ -84,13 +86,15 @@ class Follower:
 
         With *is_fresh* a new run starts even if the last one is unfinished. Raises CentralError.
         """
-        is_first = is_fresh or self.is_over or self.central is None
-        if is_first and not is_fresh and self.last and not self.is_over:
+        is_first = is_fresh or self.ended is not None or self.central is None
+        if is_first and not is_fresh and self.last and self.ended is None:
             msg = "the log has the end of a run, without its start or an image: --fresh leaves it"
             raise CentralError(msg)
         epoch = token_hex(8) if is_first or self.central is None else self.central.epoch
         member = f"{socket.gethostname()}:{os.getpid()}"
-        term = Term(INPUT_VERSION, PROTOCOL_VERSION, release(), epoch, is_first, member, address)
+        term = Term(
+            INPUT_VERSION, PROTOCOL_VERSION, release(), epoch, is_first, member, address, self._key
+        )
         try:
             self.last = self._log.append(Kind.TERM, [encode(term)], self.last)
         except Deposed:
@@ -102,11 +106,17 @@ class Follower:
         return True
 
     def _begin_term(self, term: Term) -> None:
+        if self._key and term.key and term.key != self._key:
+            msg = (
+                f"the central at {term.address} listens with key {term.key}, and this one with "
+                f"{self._key}: copy the keys folder of one machine to the others"
+            )
+            raise CentralError(msg)
         if term.is_first:
-            if self.central is not None and not self.is_over:
-                msg = "another run was started on the log"
-                raise LogEnded(msg)
-            self.central, self.is_over = Central(term.epoch), False
+            if self.central is not None and self.ended is None:
+                msg = f"the central at {term.address} has started another run (--fresh)"
+                raise FollowedRunLost(msg)
+            self.central, self.ended = Central(term.epoch), None
             self._early.clear()
         self.term = term
 
@@ -126,7 +136,6 @@ class Follower:
         if central is None:
             self._early.append(turn)
             return
-        ended = isinstance(turn.inputs[-1], Ended)
         inputs = [one for one in turn.inputs if not isinstance(one, Ended)]
         entries = []
         for logged, spared in with_spared(iter(inputs)):
@@ -134,4 +143,5 @@ class Follower:
             for event in events_of(logged, spared, self._adopt):
                 entries += [one.entry for one in central.handle(event) if isinstance(one, Record)]
         self._write(central, entries)
-        self.is_over = ended
+        last = turn.inputs[-1]
+        self.ended = last if isinstance(last, Ended) else None

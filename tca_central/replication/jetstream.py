@@ -9,9 +9,10 @@ import contextlib
 import threading
 import time
 from collections.abc import Coroutine, Sequence
+from concurrent.futures import Future, wait
 from itertools import count
 from secrets import token_hex
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import nats
@@ -29,6 +30,7 @@ from nats.js.api import (
 from nats.js.errors import BadRequestError, NotFoundError
 
 from tca_central.errors import CentralError
+from tca_central.replication.jetstream_bodies import JetStreamBodies
 from tca_central.replication.shared_log import (
     Deposed,
     Kind,
@@ -44,7 +46,7 @@ PATIENCE = 15.0
 _REPLY_WITHIN = 1.0
 _BATCH = 500
 _WRONG_LAST = 10071
-_KIND, _MORE, _WRITER = "Tca-Kind", "Tca-More", "Tca-Writer"
+_KIND, _PART, _MORE, _WRITER = "Tca-Kind", "Tca-Part", "Tca-More", "Tca-Writer"
 _EXPECTED = "Nats-Expected-Last-Sequence"
 
 T = TypeVar("T")
@@ -62,11 +64,14 @@ class JetStreamLog:
 
     def __init__(self, servers: Sequence[str], name: str) -> None:
         self._servers, self._stream, self._subject = list(servers), f"TCA-{name}", f"tca.{name}"
+        self._replicas = min(len(self._servers), 5)
         self._writer, self._serials = token_hex(8), count()
         self._sign: Sign | None = None
         self._signs: dict[str, tuple[float, Sign]] = {}
         self._reader: JetStreamContext.PullSubscription | None = None
         self._read_to = 0  #: the last message that the reader has returned
+        self._stamp = 0.0  #: when the log got that message, in seconds since 1970
+        self._begun: set[Future[None]] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="log", daemon=True)
         self._thread.start()
@@ -79,10 +84,20 @@ class JetStreamLog:
             raise
 
     def append(
-        self, kind: Kind, pieces: Sequence[bytes], after: int, *, is_more: bool = False
+        self,
+        kind: Kind,
+        pieces: Sequence[bytes],
+        after: int,
+        *,
+        part: int = 0,
+        is_more: bool = False,
     ) -> int:
-        """Append a record in pieces after message *after*. See ``SharedLog``."""
-        return self._call(self._append(kind, pieces, after, is_more=is_more))
+        """Append pieces of a record after message *after*. See ``SharedLog``."""
+        messages = [
+            _Appended(kind, data, part + number, is_more or number + 1 < len(pieces))
+            for number, data in enumerate(pieces)
+        ]
+        return self._call(self._append(messages, after))
 
     def read(self, after: int, seconds: float) -> list[Message]:
         """Return messages that follow *after*. See ``SharedLog``."""
@@ -90,25 +105,51 @@ class JetStreamLog:
 
     def remove(self, before: int) -> None:
         """Remove the messages before a number, soon or never."""
-        self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._remove(before)))
+        self._begin(self._remove(before))
 
-    def give_sign(self, sign: Sign) -> None:
-        """Give this sign of life from now on."""
+    def age(self) -> float:
+        """Return the seconds since the last message that was read, by the clock of the servers."""
+        return max(0.0, time.time() - self._stamp) if self._stamp else 0.0
+
+    def give_sign(self, sign: Sign | None) -> None:
+        """Give this sign of life from now on; None: give no more."""
         self._sign = sign
 
-    def signs(self) -> dict[str, tuple[float, Sign]]:
-        """Return each member's last sign of life, and the seconds since then."""
+    def signs(self) -> list[tuple[float, Sign]]:
+        """Return each follower's last sign of life, and the seconds since then."""
         now = time.monotonic()
-        return {member: (now - at, sign) for member, (at, sign) in self._signs.copy().items()}
+        return [(now - at, sign) for at, sign in self._signs.copy().values()]
+
+    def put_body(self, name: str, data: bytes) -> None:
+        """Store a large body. See ``SharedLog``."""
+        self._call(self._bodies.put(name, data))
+
+    def body(self, name: str) -> bytes | None:
+        """Return a large body; None if it is missing or incomplete."""
+        return self._call(self._bodies.get(name))
+
+    def remove_body(self, name: str) -> None:
+        """Remove a large body, soon or never."""
+        self._begin(self._bodies.remove(name))
+
+    def bodies(self) -> list[str]:
+        """Return the names of all large bodies."""
+        return self._call(self._bodies.names())
 
     def close(self) -> None:
         """Give no more signs, and disconnect."""
+        wait(self._begun, PATIENCE)
         with contextlib.suppress(CentralError):
             self._call(self._close())
         self._end_loop()
 
     def _call(self, work: Coroutine[Any, Any, T]) -> T:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do this in the background. ``close`` waits for it."""
+        self._begun.add(asyncio.run_coroutine_threadsafe(work, self._loop))
+        self._begun = {one for one in self._begun if not one.done()}
 
     def _end_loop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -136,6 +177,10 @@ class JetStreamLog:
         self._stream_api = self._nats.jetstream(timeout=_REPLY_WITHIN)
         await self._until_answered(self._find_stream)
         await self._nats.subscribe(f"{self._subject}.signs", cb=self._note_sign)
+        self._bodies = JetStreamBodies(
+            self._stream_api, self._stream, self._subject, self._until_answered
+        )
+        await self._bodies.open(self._replicas)
         self._signing = self._loop.create_task(self._give_signs())
 
     async def _find_stream(self) -> None:
@@ -147,7 +192,7 @@ class JetStreamLog:
                     name=self._stream,
                     subjects=[f"{self._subject}.log"],
                     storage=StorageType.FILE,
-                    num_replicas=min(len(self._servers), 5),
+                    num_replicas=self._replicas,
                     allow_direct=False,  # a follower of the stream might answer with an old state
                 )
             )
@@ -158,7 +203,7 @@ class JetStreamLog:
         while True:
             try:
                 return await work(*args)
-            except BadRequestError:
+            except (BadRequestError, NotFoundError):
                 raise
             except (TimeoutError, NatsError, OSError) as error:
                 if time.monotonic() > until:
@@ -172,27 +217,22 @@ class JetStreamLog:
             "more than half of its servers must run"
         )
 
-    async def _append(
-        self, kind: Kind, pieces: Sequence[bytes], after: int, *, is_more: bool
-    ) -> int:
-        made = [
-            self._append_piece(
-                kind, piece, after + number, is_more=is_more or number + 1 < len(pieces)
-            )
-            for number, piece in enumerate(pieces)
-        ]
+    async def _append(self, messages: Sequence["_Appended"], after: int) -> int:
+        made = [self._append_one(one, after + number) for number, one in enumerate(messages)]
         for result in await asyncio.gather(*made, return_exceptions=True):
             if isinstance(result, BaseException):
                 raise result
-        return after + len(pieces)
+        return after + len(messages)
 
-    async def _append_piece(self, kind: Kind, piece: bytes, after: int, *, is_more: bool) -> None:
+    async def _append_one(self, one: "_Appended", after: int) -> None:
         mark = f"{self._writer} {next(self._serials)}"
-        headers = {_KIND: str(kind), _WRITER: mark, _EXPECTED: str(after)}
-        if is_more:
+        headers = {_KIND: str(one.kind), _WRITER: mark, _EXPECTED: str(after)}
+        if one.part:
+            headers[_PART] = str(one.part)
+        if one.is_more:
             headers[_MORE] = "1"
         try:
-            await self._until_answered(self._publish, piece, headers)
+            await self._until_answered(self._publish, one.data, headers)
         except BadRequestError as error:
             if error.err_code != _WRONG_LAST:
                 raise self._unreachable(error) from None
@@ -242,8 +282,12 @@ class JetStreamLog:
             self._reader = await self._stream_api.pull_subscribe(
                 f"{self._subject}.log", stream=self._stream, config=config
             )
-        messages = [_read_message(one) for one in await self._reader.fetch(_BATCH, seconds)]
-        self._read_to = messages[-1].sequence
+        fetched = await self._reader.fetch(_BATCH, seconds)
+        messages = [_read_message(one) for one in fetched]
+        self._read_to, self._stamp = (
+            messages[-1].sequence,
+            fetched[-1].metadata.timestamp.timestamp(),
+        )
         return messages
 
     async def _last(self) -> int | None:
@@ -274,6 +318,15 @@ class JetStreamLog:
             await asyncio.wait_for(self._nats.close(), 1.0)
 
 
+class _Appended(NamedTuple):
+    """A message to append."""
+
+    kind: Kind
+    data: bytes
+    part: int
+    is_more: bool
+
+
 def _read_message(raw: Any) -> Message:
     headers = raw.headers or {}
     try:
@@ -281,4 +334,5 @@ def _read_message(raw: Any) -> Message:
     except ValueError:
         msg = f"message {raw.metadata.sequence.stream} of the log is not central's"
         raise CentralError(msg) from None
-    return Message(raw.metadata.sequence.stream, kind, raw.data, _MORE in headers)
+    part = int(headers.get(_PART, 0))
+    return Message(raw.metadata.sequence.stream, kind, raw.data, part, _MORE in headers)

@@ -3,52 +3,57 @@
 import logging
 import os
 import socket
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.events import Restarted
-from tca_central.inputs import Adopt
 from tca_central.replication.follower import Follower
 from tca_central.replication.shared_inputs import SharedInputs
 from tca_central.replication.shared_log import SharedLog, Sign
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder
-from tca_central.shell.recovery import GRACE, ended_processes
+from tca_central.shell.recovery import GRACE, LONGEST_AWAY, ended_processes
 from tca_central.shell.run_folder import Recorder
 from tca_central.shell.run_log import RunLog
+from tca_central.shell.store import Store
+from tca_central.shell.written_facts import WrittenFacts, newest_segment
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
 from tca_wire.release import release
 
 log = logging.getLogger("tca.central")
 
 SILENT = 1.0
-"""Seconds without a sign of life of the leader, after which another central takes over."""
+"""Seconds without a message, though the log answers, after which another central takes over."""
 
 
 class Member:
     """One central of several with the same log.
 
     Args:
-        shared: The log.
+        shared: The log. ``close`` closes it.
         address: Where modules find this central when it leads.
-        folder: The folder for the journal. It may have a journal of an earlier run.
-        adopt: Gets each large body.
+        folder: The folder for the journal. It may have a journal of this run or an earlier one.
+        store: The store of large data, not open yet.
+        key: The public key with which this central listens; "" without keys.
     """
 
-    def __init__(self, shared: SharedLog, address: str, folder: Path, adopt: Adopt = bytes) -> None:
+    def __init__(
+        self, shared: SharedLog, address: str, folder: Path, store: Store, key: str = ""
+    ) -> None:
         self.path = folder
         self.history = ""  #: the words after the folder's name in the log
+        self.shared = shared
         self._lock = lock_folder(folder)
-        self._log, self._address = shared, address
+        self._address, self._store = address, store
         self._name = f"{socket.gethostname()}:{os.getpid()}"
         self._journal: JournalWriter | None = None
-        self._follower = Follower(shared, self._write, adopt)
-        self._since = time.monotonic()
+        self._written = 0  #: the last entry of the journal
+        self._epoch = ""  #: the run of the journal
+        self._follower = Follower(shared, self._write, store.adopt, key)
+        self._away = 0.0  #: seconds without a leader
         self._is_asked = False  #: whether a person wants this central to lead
-        self._show(is_leader=False)
 
     @property
     def central(self) -> Central:
@@ -56,72 +61,120 @@ class Member:
         assert self._follower.central is not None
         return self._follower.central
 
-    def leader(self) -> Sign | None:
-        """Return the last sign of life of a leader, unless it is too old."""
-        signs = [(seconds, sign) for seconds, sign in self._log.signs().values() if sign.is_leader]
-        seconds, sign = min(signs, key=lambda one: one[0], default=(SILENT, None))
-        return sign if seconds < SILENT else None
-
     def begin(self, *, is_fresh: bool) -> None:
         """Lead from the start. Raises CentralError if another central leads."""
-        while self._follower.follow(0.05) or time.monotonic() < self._since + SILENT:
-            if (leader := self.leader()) is not None:
-                msg = (
-                    f"the central at {leader.address} ({leader.member}) leads already: "
-                    "start this one with 'tca standby'"
-                )
-                raise CentralError(msg)
-        if not self._follower.take_over(self._address, is_fresh=is_fresh):
-            msg = "another central has just begun to lead: start this one with 'tca standby'"
-            raise CentralError(msg)
+        follower, is_all_read = self._follower, False
+        while not is_all_read or (self._is_unfinished and follower.silence < SILENT):
+            if not follower.follow(0.1):
+                is_all_read = True
+            elif is_all_read:
+                raise self._already_led()
+        if not self._take_over(is_fresh=is_fresh):
+            raise self._already_led()
+
+    def _take_over(self, *, is_fresh: bool = False) -> bool:
+        """Lead from now on. Return False if the log has later messages."""
+        self._away = min(max(self.shared.age(), self._follower.silence), LONGEST_AWAY)
+        return self._follower.take_over(self._address, is_fresh=is_fresh)
+
+    @property
+    def _is_unfinished(self) -> bool:
+        return self._follower.central is not None and self._follower.ended is None
+
+    def _already_led(self) -> CentralError:
+        term = self._follower.term
+        leader = f"the central at {term.address} ({term.member})" if term else "another central"
+        return CentralError(f"{leader} leads already: start this one with 'tca standby'")
 
     def stand_by(self, is_stopping: Callable[[], bool], *, is_manual: bool = False) -> bool:
         """Follow the leader until it is silent, and lead then. Return False if *is_stopping*.
 
-        With *is_manual* this central waits for ``lead_now``. The run's end ends it, too.
+        With *is_manual* this central waits for ``lead_now``. The end of the run ends it, too.
         """
-        while not is_stopping() and not self._follower.is_over:
-            self._follower.follow(0.1)
-            self._show(is_leader=False)
-            if self._may_lead(is_manual=is_manual) and self._follower.take_over(self._address):
-                return True
+        follower, was_followed = self._follower, False
+        while not is_stopping():
+            follower.follow(0.1)
+            self.shared.give_sign(Sign(self._name, self._address, follower.last))
+            if (central := follower.central) is not None:
+                self._store.settle(central.registry.modules)
+            if self._is_unfinished:
+                was_followed = True
+                if self._may_lead(is_manual=is_manual) and self._take_over():
+                    return True
+            elif was_followed:
+                return False
         return False
 
     def _may_lead(self, *, is_manual: bool) -> bool:
-        if self._is_asked or is_manual:
-            return self._is_asked
-        is_early = time.monotonic() < self._since + SILENT or self._follower.away < SILENT
-        return not is_early and self.leader() is None
+        return self._is_asked or (not is_manual and self._follower.silence >= SILENT)
 
     def lead_now(self) -> None:
         """Lead although another central does, or with a person's consent. A signal may call it."""
         self._is_asked = True
 
-    def _show(self, *, is_leader: bool) -> Sign:
-        sign = Sign(self._name, self._address, is_leader, self._follower.last)
-        self._log.give_sign(sign)
-        return sign
-
     def _write(self, central: Central, entries: Sequence[Entry]) -> None:
         """Write the entries of a turn that another central has handled."""
         if not entries:
             return
-        journal = self._journal
-        if journal is None:
-            self._journal = journal = self._new_journal(central, entries[0])
+        journal = self._journal_of(central, entries[0])
         for entry in entries:
-            journal.add(entry)
+            if entry.number > self._written:
+                journal.add(entry)
         journal.flush()
 
-    def _new_journal(self, central: Central, first: Entry | None = None) -> JournalWriter:
-        """Return the journal of a run, from an entry on."""
-        after = first.number - 1 if first is not None else central.event_count
-        is_whole = not after
-        opened = None if is_whole else Opened(JOURNAL_VERSION, central.epoch, 1, 0.0, release())
-        last = Entry(after, first.time if first is not None else central.clock.now, [])
-        return JournalWriter(
-            self.path, epoch=central.epoch, sync=Sync.BATCH, after=opened, entry=last
+    def _journal_of(self, central: Central, first: Entry | None = None) -> JournalWriter:
+        """Return the journal of a run, which continues with its *first* entry to write."""
+        if self._journal is None or self._epoch != central.epoch:
+            self._close_journal()
+            self._epoch = central.epoch
+            before = first.number - 1 if first is not None else central.event_count
+            facts = self._facts_before(before)
+            if facts is not None:
+                opened, last = facts.opened, facts.last
+            else:
+                opened, last = None, Entry(0, 0.0, [])
+                self._written = before
+            if opened is None and before:
+                opened = Opened(JOURNAL_VERSION, central.epoch, 1, 0.0, release())
+                last = Entry(before, first.time if first is not None else central.clock.now, [])
+            self._journal = JournalWriter(
+                self.path, epoch=central.epoch, sync=Sync.BATCH, after=opened, entry=last
+            )
+        return self._journal
+
+    def _facts_before(self, before: int) -> WrittenFacts | None:
+        """Return this run's journal in the folder, if there is one that reaches entry *before*.
+
+        A shorter one is moved aside: the log has no longer what would complete it.
+        """
+        newest = newest_segment(self.path)
+        if newest is None or newest[1] != self._epoch:
+            return None
+        facts = WrittenFacts(self.path, self._epoch, before)
+        self._written = facts.read_all() or before
+        if facts.last.number >= before:
+            facts.cut_journal()
+            return facts
+        WrittenFacts(self.path, self._epoch, 0).move_all_aside()
+        log.warning(
+            "%s: the journal of this run ended with entry %d, and the log has only what follows "
+            "entry %d: the journal was moved aside",
+            self.path,
+            facts.last.number,
+            before,
         )
+        return None
+
+    def _close_journal(self) -> None:
+        """Close the journal, with the end of its run if that was read."""
+        follower, journal = self._follower, self._journal
+        if journal is None:
+            return
+        if follower.ended is not None and follower.central is not None:
+            central = follower.central
+            journal.end(central.event_count + 1, central.clock.now, follower.ended.why)
+        else:
+            journal.close()
 
     def open(
         self,
@@ -133,17 +186,16 @@ class Member:
     ) -> None:
         """Let a server write to the log and the journal, and continue the run."""
         follower, central = self._follower, self.central
-        inputs = SharedInputs(self._log, self._show(is_leader=True), central.epoch, self.path)
-        journal = self._journal or self._new_journal(central)
-        server.log = RunLog(journal, inputs, follower.image_events)
+        self.shared.give_sign(None)
+        inputs = SharedInputs(self.shared, follower.last, self._name, central.epoch, self.path)
+        server.log = RunLog(self._journal_of(central), inputs, follower.image_events)
         if follower.term is None or follower.term.is_first:
             return
-        away = follower.away
-        server.handle_input(Restarted(central.clock.now, away, GRACE, hold))
+        server.handle_input(Restarted(central.clock.now, self._away, GRACE, hold))
         awaited = len(central.restart_pause.awaited)
         log.warning(
             "leads now: the log was silent for %.1f s, %d connections are awaited%s",
-            away,
+            self._away,
             awaited,
             "; no task starts until 'tca resume' says so" if hold else "",
         )
@@ -151,5 +203,7 @@ class Member:
             server.handle_input(lost)
 
     def close(self) -> None:
-        """Release the folder."""
+        """Close the journal and the log, and release the folder."""
+        self._close_journal()
+        self.shared.close()
         os.close(self._lock)

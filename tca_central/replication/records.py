@@ -21,6 +21,7 @@ class Term(msgspec.Struct, frozen=True, array_like=True, tag="term"):
     is_first: bool  #: whether a new run starts here, from an empty state
     member: str  #: the process that leads, as "host:pid"
     address: str  #: where modules find it
+    key: str  #: the public key with which it listens; "" without keys
 
 
 class Turn(NamedTuple):
@@ -60,6 +61,10 @@ class Pieces:
         if message.kind is Kind.TERM:  # the leader before may have died within a record
             self._pieces.clear()
         pieces = self._pieces.setdefault(message.kind, [])
+        if not message.part:
+            pieces.clear()
+        if message.part != len(pieces):  # the first pieces were removed
+            return None
         pieces.append(message.data)
         if message.is_more:
             return None

@@ -3,14 +3,23 @@
 An image is appended in pieces, one a turn, so that no turn waits for a whole image.
 """
 
+import time
 from collections import deque
 from pathlib import Path
 
 from tca_central.errors import CentralError
-from tca_central.events import Input
+from tca_central.events import Input, Standby
 from tca_central.replication.records import Image, encode
-from tca_central.replication.shared_log import Deposed, Kind, SharedLog, Sign, cut
+from tca_central.replication.shared_log import Kind, SharedLog, cut
 from tca_central.shell.input_log import IMAGE_SUFFIX, Ended
+
+GONE = 2.0
+"""Seconds without a sign of life after which a follower no longer counts as one."""
+MOST_BEHIND = 1000
+BEHIND = (0, 2, 10, 60, 600)
+"""The seconds to which it is rounded how far a follower is behind. Each change is an input."""
+BEAT = 0.3
+"""Seconds without input after which the leader appends a tick. It shows followers that it lives."""
 
 
 class SharedInputs:
@@ -18,20 +27,26 @@ class SharedInputs:
 
     Args:
         log: The log.
-        sign: This central's sign of life.
+        last: The last message of the log.
+        member: This process, as "host:pid".
         epoch: The run.
         folder: A folder for images that are being written.
     """
 
-    def __init__(self, log: SharedLog, sign: Sign, epoch: str, folder: Path) -> None:
+    beat = BEAT
+
+    def __init__(self, log: SharedLog, last: int, member: str, epoch: str, folder: Path) -> None:
         self.folder = folder
         self.size = 0  #: bytes since the newest image
-        self._log, self._sign, self._epoch = log, sign, epoch
-        self._last = sign.last  #: the last message of the log
+        self._log, self._member, self._epoch = log, member, epoch
+        self._last = last
         self._turn: list[Input | Ended] = []
         self._image: deque[bytes] = deque()  #: pieces of an image to append
+        self._part = 0  #: the number of the next piece
         self._image_after = 0  #: the last message that led to this image
         self._error: CentralError | None = None  #: the first failure; nothing is appended after it
+        #: The last message of each second, oldest first. It tells how far followers are behind.
+        self._seconds: deque[tuple[float, int]] = deque(maxlen=MOST_BEHIND)
 
     def add(self, event: Input) -> None:
         """Append an input; ``flush`` writes it."""
@@ -46,25 +61,23 @@ class SharedInputs:
             self.size += len(turn)
             self._append(Kind.TURN, cut(turn))
         if self._image:
-            self._append(Kind.IMAGE, [self._image.popleft()], is_more=bool(self._image))
+            piece = self._image.popleft()
+            self._append(Kind.IMAGE, [piece], part=self._part, is_more=bool(self._image))
+            self._part += 1
             if not self._image:
                 self._log.remove(self._image_after + 1)
 
-    def _append(self, kind: Kind, pieces: list[bytes], *, is_more: bool = False) -> None:
+    def _append(
+        self, kind: Kind, pieces: list[bytes], *, part: int = 0, is_more: bool = False
+    ) -> None:
         try:
-            self._last = self._log.append(kind, pieces, self._last, is_more=is_more)
+            self._last = self._log.append(kind, pieces, self._last, part=part, is_more=is_more)
         except CentralError as error:
             self._error = error
             raise
-        self._log.give_sign(Sign(self._sign.member, self._sign.address, True, self._last))
 
     def check(self) -> None:
-        """Raise Deposed if another central leads, which an idle one would not notice."""
-        for seconds, sign in self._log.signs().values():
-            is_later = sign.is_leader and sign.last > self._last
-            if is_later and sign.member != self._sign.member and seconds < 1:
-                self._error = self._error or Deposed(f"central at {sign.address} leads")
-                raise self._error
+        """Do nothing: each append shows whether this central still leads."""
 
     def write_now(self) -> None:
         """Append the inputs of the present turn. Raises CentralError."""
@@ -83,10 +96,23 @@ class SharedInputs:
             path.unlink()
         except OSError:  # another one follows
             return
-        self._image, self._image_after = (
-            deque(cut(encode(Image(number, self._epoch, data)))),
-            number,
+        self._image = deque(cut(encode(Image(number, self._epoch, data))))
+        self._part, self._image_after = 0, number
+
+    def standbys(self) -> tuple[Standby, ...]:
+        """Return the followers that live. Called once a second."""
+        now = time.monotonic()
+        self._seconds.append((now, self._last))
+        return tuple(
+            Standby(sign.member, sign.address, self._seconds_behind(sign.last, now))
+            for age, sign in sorted(self._log.signs(), key=lambda one: one[1].member)
+            if age < GONE and sign.member != self._member  # it may have followed until now
         )
+
+    def _seconds_behind(self, last: int, now: float) -> int:
+        """Return how long ago *last* was the last message, rounded down to a value of BEHIND."""
+        since = next((at for at, number in self._seconds if number > last), now)
+        return max(one for one in BEHIND if one <= now - since)
 
     def end(self, why: str) -> None:
         """Append the last inputs, and that the run has ended."""
@@ -94,12 +120,9 @@ class SharedInputs:
         self.close()
 
     def close(self) -> None:
-        """Append the last inputs, and leave the log. Raises CentralError."""
-        try:
-            if self._error is None:
-                self.flush()
-        finally:
-            self._log.close()
+        """Append the last inputs. Raises CentralError."""
+        self._image.clear()
+        self.flush()
 
     def remove(self) -> None:
         """Refuse to continue without the log: the others would continue the run."""

@@ -34,16 +34,16 @@ class Message(NamedTuple):
     sequence: int
     kind: Kind
     data: bytes
-    is_more: bool = False  #: whether the next message continues the record
+    part: int = 0  #: the number of the piece
+    is_more: bool = False  #: whether another piece of the record follows
 
 
 class Sign(msgspec.Struct, frozen=True):
-    """A sign of life of a central, which is not in the log."""
+    """A sign of life of a follower, which is not in the log."""
 
     member: str  #: the process, as "host:pid"
     address: str  #: where modules find it when it leads
-    is_leader: bool
-    last: int  #: the last message that it has written or read
+    last: int  #: the last message that it has read
 
 
 class Deposed(CentralError):
@@ -55,16 +55,22 @@ class LogUnreachable(CentralError):
 
 
 class SharedLog(Protocol):
-    """A replicated log of one run after the other."""
+    """A replicated log of one run after the other, and the large bodies of the present one."""
 
     def append(
-        self, kind: Kind, pieces: Sequence[bytes], after: int, *, is_more: bool = False
+        self,
+        kind: Kind,
+        pieces: Sequence[bytes],
+        after: int,
+        *,
+        part: int = 0,
+        is_more: bool = False,
     ) -> int:
-        """Append a record in pieces after message *after*. Return the number of its last piece.
+        """Append pieces of a record after message *after*. Return the number of the last one.
 
-        With *is_more* other pieces of the record follow later. Raises Deposed if another writer's
-        message follows *after*. Nothing is appended then, or pieces without an end, which readers
-        discard. Raises LogUnreachable.
+        *part* is the number of the first piece. With *is_more* other pieces follow later. Raises
+        Deposed if another writer's message follows *after*. Nothing is appended then, or pieces
+        without an end, which readers discard. Raises LogUnreachable.
         """
 
     def read(self, after: int, seconds: float) -> list[Message]:
@@ -77,11 +83,32 @@ class SharedLog(Protocol):
     def remove(self, before: int) -> None:
         """Remove the messages before a number, soon or never."""
 
-    def give_sign(self, sign: Sign) -> None:
-        """Give this sign of life from now on, several times a second."""
+    def age(self) -> float:
+        """Return the seconds since the last message, by the clock of the log.
 
-    def signs(self) -> dict[str, tuple[float, Sign]]:
-        """Return each member's last sign of life, and the seconds since then."""
+        It is 0 if the log does not tell.
+        """
+
+    def give_sign(self, sign: Sign | None) -> None:
+        """Give this sign of life from now on, several times a second; None: give no more."""
+
+    def signs(self) -> list[tuple[float, Sign]]:
+        """Return each follower's last sign of life, and the seconds since then."""
+
+    def put_body(self, name: str, data: bytes) -> None:
+        """Store a large body, unless it is there. Any thread may call this, and the next three.
+
+        All raise LogUnreachable.
+        """
+
+    def body(self, name: str) -> bytes | None:
+        """Return a large body; None if it is missing or incomplete."""
+
+    def remove_body(self, name: str) -> None:
+        """Remove a large body, soon or never."""
+
+    def bodies(self) -> list[str]:
+        """Return the names of all large bodies."""
 
     def close(self) -> None:
         """Give no more signs, and disconnect."""

@@ -36,6 +36,8 @@ class Gate:
 
     #: The reason that rejected programs are given.
     rejection = "central lets in no programs of other users"
+    #: The public key with which central listens; "" without keys.
+    public_key = ""
 
     def __init__(
         self, permissions: PermissionsFile | None = None, socket_file: Path | None = None
@@ -135,6 +137,7 @@ class KeyGate(Gate):
         """The keys are in *folder*. Raises KeyRefused, or CentralError if no key is allowed."""
         super().__init__(permissions)
         self._own: KeyPair = own_pair(folder)
+        self.public_key = self._own.public
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 from tca_central.core import Central
-from tca_central.events import Input
+from tca_central.events import Input, Standby
 from tca_central.image.encoder import can_encode, encode
 from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
@@ -37,6 +37,8 @@ class Inputs(Protocol):
     """The folder for images that are being written."""
     size: int
     """Bytes since the newest image."""
+    beat: float
+    """Seconds without input after which central adds a tick."""
 
     def add(self, event: Input) -> None:
         """Append an input; ``flush`` writes it."""
@@ -58,6 +60,9 @@ class Inputs(Protocol):
 
     def use_image(self, number: int, previous: int) -> None:
         """Use image *number*, which is complete. What led to the *previous* one may go."""
+
+    def standbys(self) -> tuple[Standby, ...] | None:
+        """Return the centrals that follow the log; None if none can."""
 
     def end(self, why: str) -> None:
         """Write all inputs, then that the run has ended, and close the log."""

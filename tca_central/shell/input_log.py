@@ -70,6 +70,7 @@ class InputLog(LogWriter):
     """One run's log of inputs. Each image starts another segment."""
 
     longest = float("inf")
+    beat = float("inf")
 
     def __init__(self, folder: Path, *, epoch: str, sync: Sync, clock: float | None = None) -> None:
         """*clock* is central's time in a run that continues, None in a new run."""
@@ -109,6 +110,9 @@ class InputLog(LogWriter):
         """Remove the files before the *previous* image: image *number* is complete."""
         if previous:
             self.remove(previous)
+
+    def standbys(self) -> None:
+        """Return None: no central follows files."""
 
     def remove(self, before: float = math.inf) -> None:
         """Remove this run's files with numbers below *before*. Raises OSError.

@@ -26,7 +26,7 @@ MOST_PENDING = 256 << 20
 """Bytes that may wait for the disk. Beyond them, messages with ``journal=True`` lose their data."""
 
 
-class _Copy(NamedTuple):
+class Copy(NamedTuple):
     """A copy to make."""
 
     name: str
@@ -55,10 +55,10 @@ class KeptData:
         self.ended: list[str] = []  #: names of segments that were copied, or need no copy
         #: Names of segments whose copies failed, and may be tried again.
         self.failed: list[str] = []
-        self._held: set[str] = set()  #: names of the copies of tasks' segments
+        self.held: set[str] = set()  #: names of the copies of tasks' segments
         self._changed = threading.Condition()
-        self._copies: deque[_Copy] = deque()  #: to make, oldest first
-        self._busy: _Copy | None = None
+        self._copies: deque[Copy] = deque()  #: to make, oldest first
+        self._busy: Copy | None = None
         self._pending = 0  #: bytes of copies to make
         self._is_closing = False
         self._error: OSError | None = None  #: the last failure to copy a task's segment
@@ -72,7 +72,7 @@ class KeptData:
         """
         if not self.keeps_tasks:
             keep &= ~Keep.TASK
-        if not keep or (self._folder_of(keep) / name).exists():
+        if not keep or self.has_copy(name, keep):
             return False
         if self._pending + size > MOST_PENDING and not keep & Keep.TASK:
             self._warnings.warning(
@@ -86,9 +86,13 @@ class KeptData:
             self._thread.start()
         with self._changed:
             self._pending += size
-            self._copies.append(_Copy(name, path, size, keep))
+            self._copies.append(Copy(name, path, size, keep))
             self._changed.notify_all()
         return True
+
+    def has_copy(self, name: str, keep: Keep) -> bool:
+        """Whether a segment needs no other copy."""
+        return (self._folder_of(keep) / name).exists()
 
     def _folder_of(self, keep: Keep) -> Path:
         return self._data if keep & Keep.JOURNAL else self._tasks
@@ -112,17 +116,21 @@ class KeptData:
 
     def release(self, name: str) -> None:
         """Remove the copy of a task's segment, if there is one."""
-        if name in self._held:
-            self._held.discard(name)
-            path = self._tasks / name
-            with contextlib.suppress(OSError):
-                path.unlink()
-                path.parent.rmdir()
+        if name in self.held:
+            self.held.discard(name)
+            self.remove_copy(name)
+
+    def remove_copy(self, name: str) -> None:
+        """Remove the copy of a task's segment."""
+        path = self._tasks / name
+        with contextlib.suppress(OSError):
+            path.unlink()
+            path.parent.rmdir()
 
     def remove_all_but(self, held: Container[str]) -> None:
         """Remove the copies of tasks' segments whose names are not *held*."""
         found = {f"{path.parent.name}/{path.name}" for path in self._tasks.glob("*/*")}
-        self._held |= found
+        self.held |= found
         for name in found:
             if name not in held:
                 self.release(name)
@@ -161,29 +169,33 @@ class KeptData:
                 if not self._copies:
                     return
                 self._busy = one = self._copies.popleft()
-            self._make(one)
+            self._try(one)
             with self._changed:
                 self._busy = None
                 self._pending -= one.size
                 self.ended.append(one.name)
                 self._changed.notify_all()
 
-    def _make(self, one: _Copy) -> None:
-        target = self._folder_of(one.keep) / one.name
+    def _try(self, one: Copy) -> None:
+        """Make a copy, or report that it failed."""
         try:
-            target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            copy(one.path, target, one.size, sync=self._sync is not Sync.NONE)
+            self.make(one)
         except OSError as error:
             if one.keep & Keep.TASK and self.is_prompt:
                 self._error = error
                 return
             self.failed.append(one.name)
             self._warnings.warning(
-                "failed", "large data of a message can't be copied to %s: %s", target, error
+                "failed", "%s: large data of a message can't be copied: %s", one.path, error
             )
-            return
+
+    def make(self, one: Copy) -> None:
+        """Copy a segment to the disk. Raises OSError."""
+        target = self._folder_of(one.keep) / one.name
+        target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        copy(one.path, target, one.size, sync=self._sync is not Sync.NONE)
         if not one.keep & Keep.JOURNAL:
-            self._held.add(one.name)
+            self.held.add(one.name)
 
 
 def copy(source: Path, target: Path, size: int, *, sync: bool = False) -> None:

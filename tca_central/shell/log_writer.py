@@ -250,7 +250,12 @@ class LogWriter:
             raise self._central_error(error) from None
 
     def close(self) -> None:
-        """Write and sync all records, and close the file. Raises CentralError."""
+        """Write and sync all records, and close the file, unless it is closed.
+
+        Raises CentralError.
+        """
+        if self._file < 0:
+            return
         self._stop_requested.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -263,6 +268,7 @@ class LogWriter:
         finally:
             self._close_full()
             os.close(self._file)
+            self._file = -1
 
     def write(self) -> None:
         """Pass all waiting records to the kernel. Raises OSError."""

@@ -1,9 +1,10 @@
 """The files of a run: inputs and images for central's recovery, and the journal for users."""
 
+import math
 import os
 
 from tca_central.core import Central
-from tca_central.events import Input
+from tca_central.events import Input, Standby
 from tca_central.shell.images import Images, Inputs
 from tca_central.shell.journal_writer import JournalWriter
 from tca_wire.journal.facts import Entry
@@ -33,6 +34,15 @@ class RunLog:
     def keeps_inputs(self) -> bool:
         """Whether inputs are stored, so that the run can continue after a restart."""
         return self._inputs is not None
+
+    @property
+    def beat(self) -> float:
+        """Seconds without input after which central adds a tick."""
+        return self._inputs.beat if self._inputs is not None else math.inf
+
+    def standbys(self) -> tuple[Standby, ...] | None:
+        """Return the centrals that follow a replicated log; None without such a log."""
+        return self._inputs.standbys() if self._inputs is not None else None
 
     def add_input(self, event: Input) -> None:
         """Append an input that is about to be handled."""

@@ -8,6 +8,7 @@ door.py and authenticator.py use central's sockets.
 
 import contextlib
 import logging
+import math
 import os
 import socket as sockets
 import time
@@ -30,6 +31,7 @@ from tca_central.events import (
     Event,
     Input,
     LimitsSet,
+    MembersChanged,
     RequestReceived,
     RequestSkipped,
     Tick,
@@ -272,10 +274,17 @@ class Daemon:
             self._apply_gate_changes()
             self._lines.losses.write_due(self.now())
             self._check_pulses()
+            self._check_members()
+            self._flush()  # a central that has lost its lead ends here, and removes no segment
             self._large_bodies.sweep()
-        clock, now = self.central.clock, self.now()
-        if clock.next is not None and now >= min(clock.next, clock.now + TICK_PERIOD):
+        if (now := self.now()) >= self._next_tick():
             self.handle_input(Tick(now))
+
+    def _next_tick(self) -> float:
+        """Return the time of the next tick, if no other input comes before it."""
+        clock, beat = self.central.clock, self.log.beat if self.log is not None else math.inf
+        due = min(clock.next, clock.now + TICK_PERIOD) if clock.next is not None else math.inf
+        return min(due, clock.now + beat)
 
     def _flush(self) -> None:
         """End a turn: write the log first, then send the messages that it records."""
@@ -325,17 +334,21 @@ class Daemon:
             if is_low != self.central.is_disk_low:
                 self.handle_input(DiskSpace(self.now(), is_low))
 
+    def _check_members(self) -> None:
+        """Handle a change among the centrals that follow the same replicated log."""
+        if self.log is None or (standbys := self.log.standbys()) is None:
+            return
+        leader, known = f"{sockets.gethostname()}:{os.getpid()}", self.central.members
+        if known is None or (known.leader, known.standbys) != (leader, standbys):
+            self.handle_input(MembersChanged(self.now(), leader, self.endpoint, standbys))
+
     def now(self) -> float:
         """Return the seconds since the run started, on a clock that never jumps."""
         return time.monotonic() - self._started_at
 
     def _poll_timeout(self) -> int:
         """Return the milliseconds until the next heartbeat, timer or retry of a slow connection."""
-        until = min(self._next_beat, self._next_pulse)
-        due = self.central.clock.next
-        if due is not None and due < until:
-            until = due
-        left = until - self.now()
+        left = min(self._next_beat, self._next_pulse, self._next_tick()) - self.now()
         if left <= 0 or self._has_lost or self._too_slow or self._closed > self._explained:
             return 0
         return 10 if self._outboxes.has_waiting else int(left * 1000) + 1
@@ -552,17 +565,20 @@ class Daemon:
             self._perform(self.central.handle(ConfirmTasks(self.now())))
             for connection in self.central.registry.connections:
                 self._enqueue(connection, Closing(self.stopping))
-        with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
+        is_over = self._is_over
+        try:
             self._flush()
             if self.log is not None:
                 why = "" if self._is_kept else self.stopping
-                self.log.end(self.central, why, is_over=self._is_over)
+                self.log.end(self.central, why, is_over=is_over)
+        except CentralError:  # it has been reported
+            is_over = False
         self._door.close()
         self._gate.close()
         self.socket.close()
         self._context.term()
         self._close_wakers()
-        is_kept = not self._is_over and self.log is not None and self.log.keeps_inputs
+        is_kept = not is_over and self.log is not None and self.log.keeps_inputs
         self._large_bodies.store.close(is_over=not is_kept)
         if self._lock >= 0:
             os.close(self._lock)

@@ -5,7 +5,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
-from tca_central.shell.log_writer import cut, files_of, has_no_record, move_aside, sync_path
+from tca_central.shell.log_writer import (
+    aside_path,
+    cut,
+    files_of,
+    has_no_record,
+    move_aside,
+    sync_path,
+)
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
@@ -74,6 +81,14 @@ class WrittenFacts:
             return Difference(*written_at, written, entry)
         return Difference(*self._next_at, self._next, None) if self._next is not None else None
 
+    def read_all(self) -> int:
+        """Read all entries that are left. Return the number of the last one; 0: there are none."""
+        number = 0
+        while self._next is not None:
+            number = self._next.number
+            self._read_whole()
+        return number
+
     def _read_whole(self) -> Entry:
         """Return the next entry. If it was too big for one record, join its parts."""
         assert self._next is not None
@@ -90,6 +105,11 @@ class WrittenFacts:
         move_aside(path, difference.offset, *self._paths[after:])
         self.opened = _head_of(path)[0] or self.opened
         self._next, self._end, self._paths = None, difference.offset, self._paths[:after]
+
+    def move_all_aside(self) -> None:
+        """Move all segments to files beside them. Raises OSError."""
+        for path in self._paths:
+            path.rename(aside_path(path))
 
     def cut_journal(self) -> None:
         """Cut a partial record at the end, because another segment follows. Raises OSError."""

@@ -4,6 +4,8 @@ import itertools
 from collections.abc import Iterable
 from typing import Any
 
+import msgspec
+
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import (
     Connection,
@@ -39,26 +41,39 @@ def overview(central: State) -> dict[str, Any]:
             "awaited": sorted({one.module.name for one in central.restart_pause.awaited}),
             "to be told": central.restart_pause.until_resumed,
         }
-    return restart_pause | {
-        "epoch": central.epoch,
-        "events": central.event_count,
-        "modules": len(registry.modules),
-        "connections": len(registry.connections),
-        "messages": len(registry.messages),
-        "variables": len(central.variables.values),
-        "tasks": len(central.tree.tasks),
-        "kept tasks": len(central.memory.records),
-        "exception handlers": len(central.attached),
-        "wiretaps": len(central.taps),
-        "being handled": len(central.dispatcher.running),
-        "waiting for a handler": sum(
-            len(message.waiting) for message in registry.messages.values()
-        ),
-        "dropped": registry.dropped
-        + sum(message.dropped for message in registry.messages.values()),
-        "forgotten answers": central.answers.forgotten,
-        "newest id": central.tree.newest,
-    }
+    return (
+        restart_pause
+        | _members(central)
+        | {
+            "epoch": central.epoch,
+            "events": central.event_count,
+            "modules": len(registry.modules),
+            "connections": len(registry.connections),
+            "messages": len(registry.messages),
+            "variables": len(central.variables.values),
+            "tasks": len(central.tree.tasks),
+            "kept tasks": len(central.memory.records),
+            "exception handlers": len(central.attached),
+            "wiretaps": len(central.taps),
+            "being handled": len(central.dispatcher.running),
+            "waiting for a handler": sum(
+                len(message.waiting) for message in registry.messages.values()
+            ),
+            "dropped": registry.dropped
+            + sum(message.dropped for message in registry.messages.values()),
+            "forgotten answers": central.answers.forgotten,
+            "newest id": central.tree.newest,
+        }
+    )
+
+
+def _members(central: State) -> dict[str, Any]:
+    """Return the centrals with the same replicated log, if there is one."""
+    if (members := central.members) is None:
+        return {}
+    standbys = [msgspec.structs.asdict(one) for one in members.standbys]
+    shown = {"leader": members.leader, "address": members.address, "standbys": standbys}
+    return {"members": shown}
 
 
 def modules(central: State) -> list[dict[str, Any]]:

@@ -64,7 +64,7 @@ def status(client: Client) -> tuple[Any, str]:
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
         for what, number in overview.items()
-        if what not in ("epoch", "newest id", "awaited", "to be told")
+        if what not in ("epoch", "newest id", "awaited", "to be told", "members")
         and (number or what != "forgotten answers")
     ]
     shown.append(memory_in_words(load))
@@ -76,6 +76,7 @@ def status(client: Client) -> tuple[Any, str]:
         event = f"{printable(listed(awaited))} to come back" if awaited else "a resume"
         more = "; 'tca resume' starts them" if needs_resume or awaited else ""
         parts.append(f"central was restarted, and starts no tasks yet: it waits for {event}{more}")
+    parts += _members(overview.get("members"))
     lost = sorted(load["messages"], key=lambda one: -int(one["dropped"]))
     if dropped := [f"{one['dropped']:,} of {one['message']}" for one in lost if one["dropped"]]:
         parts.append(f"dropped: {printable(listed(dropped))}")
@@ -92,6 +93,19 @@ def status(client: Client) -> tuple[Any, str]:
         what: load[what] for what in ("time", "totals", "looked_at", "ends", "memory", "overloads")
     }
     return {**overview, "waiting": waiting, **data}, "\n".join(parts)
+
+
+def _members(members: dict[str, Any] | None) -> list[str]:
+    """Say which centrals lead and follow a replicated log, if there is one."""
+    if members is None:
+        return []
+    lines = [f"{members['leader']} leads, at {members['address']}"]
+    for one in members["standbys"]:
+        lag = f"is {one['behind']} s behind" if one["behind"] else "can take over"
+        lines.append(f"{one['process']} follows, at {one['address']}: it {lag}")
+    if not members["standbys"]:
+        lines.append("no standby follows: start one with 'tca standby'")
+    return [printable(line) for line in lines]
 
 
 def _waiting(load: dict[str, Any]) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ from tca_wire.journal.run_facts import CentralFailed as CentralFailed
 from tca_wire.journal.run_facts import CentralRestarted as CentralRestarted
 from tca_wire.journal.run_facts import Closed as Closed
 from tca_wire.journal.run_facts import DiskSpace as DiskSpace
+from tca_wire.journal.run_facts import MembersChanged as MembersChanged
 from tca_wire.journal.run_facts import Opened as Opened
 from tca_wire.journal.run_facts import Shortened as Shortened
 from tca_wire.journal.run_facts import WentOn as WentOn
@@ -495,7 +496,16 @@ class MonitorEnded(MonitorFact, frozen=True, tag="monitor ended"):
     why: str
 
 
-_OfRuns = Opened | Shortened | Closed | DiskSpace | CentralFailed | CentralRestarted | WentOn
+_OfRuns = (
+    Opened
+    | Shortened
+    | Closed
+    | DiskSpace
+    | MembersChanged
+    | CentralFailed
+    | CentralRestarted
+    | WentOn
+)
 _OfModules = ModuleJoined | ModuleLeft | ResourceChanged | Recalling
 _OfDeclarations = FormatDefined | HandlerAdded | HandlerRemoved
 _OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored | CentralEnding

@@ -59,6 +59,18 @@ class CentralEnding(BaseFact, frozen=True, tag="ending"):
     keep: bool
 
 
+class MembersChanged(BaseFact, frozen=True, tag="members"):
+    """The centrals with the same replicated log: *leader* leads, *standbys* follow.
+
+    All are processes, as "host:pid".
+    """
+
+    leader: str
+    standbys: list[str]
+    behind: list[str]
+    """The standbys that have not read the log's last seconds."""
+
+
 class DiskSpace(BaseFact, frozen=True, tag="disk"):
     """The journal's disk is nearly full (*is_low*), so new tasks are refused; or has room again."""
 

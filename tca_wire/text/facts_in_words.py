@@ -99,6 +99,9 @@ PHRASES: dict[type, str] = {
     ),
     facts.Shortened: "removed all that had ended by {until:seconds} ('tca log prune')",
     facts.DiskSpace: "the disk of the journal [is_low?is nearly full|has room again]",
+    facts.MembersChanged: (
+        "{leader} leads[standbys?; {standbys:list} can take over][behind?; behind: {behind:list}]"
+    ),
     facts.CentralEnding: "ends{by:by}; the run [keep?continues at the next start|is over]",
     facts.WentOn: "tasks start again{by:by}",
     facts.ModuleJoined: "{module}[, {process}][, {principal}]",
