@@ -34,12 +34,13 @@ from tca_wire.journal.facts import (
     Entry,
     Failed,
     Killed,
+    MembersChanged,
     Received,
     StateChanged,
 )
 from tca_wire.journal.takers import takers
 from tca_wire.life_cycles import Effect
-from tca_wire.text.facts_in_words import by_whom, kill_reason, place
+from tca_wire.text.facts_in_words import Wording, by_whom, kill_reason, place
 from tca_wire.vocabulary import Outcome
 
 _LONGEST_SAID = 300
@@ -60,6 +61,7 @@ TABLES = {
     "said": "message:i time:d text:t kill:B",  # the text of its failure, or the reason of its kill
     "hold": "task:i before:i kind:t time:d",
     "restart": "time:d text:t",  # a restart of central
+    "members": "time:d text:t standbys:i",  # the centrals with the same replicated log
     "row": "label:t module:t",  # module: "" for a row without a module
     # within: the span that contains it, or -1; lane: no other span of its kind overlaps it there
     "span": "row:i kind:t name:t message:i within:i lane:i start:d",
@@ -213,6 +215,10 @@ class Feed:
     def _add_restarted(self, fact: CentralRestarted) -> None:  # noqa: ARG002 - names the fact
         restart = self.history.restarts[-1]
         self._add("restart", restart.time, str(restart))
+
+    def _add_members(self, fact: MembersChanged) -> None:
+        text = Wording().words(fact)
+        self._add("members", self._now, text, len(fact.standbys) - len(fact.behind))
 
     # --- tasks ------------------------------------------------------------------------------------
 

@@ -330,3 +330,12 @@ def test_verdict_is_sent_when_it_changes(
         feed.apply(entry)
     page.receive(feed)
     assert page.table("verdict") == [(row, True, 200.0) for row in range(50)]
+
+
+def test_page_counts_the_standbys_that_can_take_over() -> None:
+    feed, page = Feed(), Page()
+    feed.apply(Entry(1, 2.0, [facts.MembersChanged("one:5", ["two:7", "three:8"], ["three:8"])]))
+    page.receive(feed)
+    ((time, text, standbys),) = page.table("members")
+    assert (time, standbys) == (2.0, 1)
+    assert "one:5" in text

@@ -104,6 +104,7 @@ function draw() {
     traffic.show(time);
     pictures.show(time);
     drawCounts(time);
+    showMembers(time);
     causes.show(time);
     writeAddress();
   });
@@ -190,6 +191,16 @@ function showStatus(noAnswer = "") {
   badge.textContent = noAnswer ? "no answer" : state === "reading" ? `reading, ${store.times.length} entries` : state;
   badge.className = `badge ${error || state === "not closed" ? "bad" : state === "live" ? "live" : ""}`;
   badge.title = MEANINGS[state] ?? "";
+}
+
+// Show how many centrals can take over, in a run with a replicated log.
+function showMembers(time) {
+  const badge = document.getElementById("members"), found = store.members.findLast((one) => one.time <= time);
+  badge.hidden = !found;
+  if (!found) return;
+  badge.textContent = found.standbys === 1 ? "1 standby" : `${found.standbys || "no"} standbys`;
+  badge.className = `badge ${found.standbys ? "live" : "bad"}`;
+  badge.title = found.text;
 }
 
 async function follow() {

@@ -56,6 +56,7 @@ export class Store {
     this.links = []; // { sender, message, kind, handler, times, less }, see traffic.py; less: the times at which the count decreases
     this.pictures = new Map(); // by name: { times, messages }, see pictures.py
     this.restarts = []; // of central: { time, text }
+    this.members = []; // the centrals with the same replicated log: { time, text, standbys }
     this.version = 0;
     this.firstMessage = Infinity; // when the first message was sent or handled
     this.lastChange = -Infinity; // the time of the newest state, or start or end of a span other than a connection
@@ -111,6 +112,7 @@ export class Store {
     this.#addTraffic(tables);
     this.#addPictures(tables.picture);
     tables.restart.time.forEach((time, i) => this.restarts.push({ time, text: tables.restart.text[i] }));
+    tables.members.time.forEach((time, i) => this.members.push({ time, text: tables.members.text[i], standbys: tables.members.standbys[i] }));
     this.lengths = head.lengths;
     this.version += 1;
     this.end = this.last;
