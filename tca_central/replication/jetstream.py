@@ -283,6 +283,8 @@ class JetStreamLog:
                 f"{self._subject}.log", stream=self._stream, config=config
             )
         fetched = await self._reader.fetch(_BATCH, seconds)
+        if not fetched:
+            raise TimeoutError
         messages = [_read_message(one) for one in fetched]
         self._read_to, self._stamp = (
             messages[-1].sequence,
