@@ -17,7 +17,7 @@ from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
 from tca_central.replication.follower import FollowedRunLost
-from tca_central.replication.member import Member
+from tca_central.replication.member import SILENT, Member
 from tca_central.replication.shared_data import SharedData
 from tca_central.replication.shared_log import Deposed, log_in
 from tca_central.shell.bytes_option import Bytes
@@ -78,7 +78,7 @@ class Options:
     insecure: bool
     quiet: bool
     is_standby: bool = False  #: whether another central leads
-    is_manual: bool = False  #: whether a standby waits for a person
+    after: float = SILENT  #: seconds of silence after which a standby leads
     folder: Path | None = None  #: the folder of the journal, with a replicated log
 
 
@@ -157,7 +157,7 @@ def _lead(member: Member, options: Options) -> bool:
         signal.signal(number, lambda number, _: signals.append(number))
     signal.signal(signal.SIGUSR1, lambda *_: member.lead_now())
     log.info("follows the log; journal in %s", member.path)
-    return member.stand_by(lambda: bool(signals), is_manual=options.is_manual)
+    return member.stand_by(lambda: bool(signals), after=options.after)
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -386,7 +386,6 @@ def _run_once(options: Options) -> None:
     run: RunFolder | Member | None = None
     server: Daemon | None = None
     store, endpoint = Store(), str(options.bind)
-    keeps_inputs = not options.no_inputs
     try:
         gate = gate_for(endpoint, options.permissions, insecure=options.insecure)
         if options.log_address is not None:
@@ -395,9 +394,8 @@ def _run_once(options: Options) -> None:
                 return
         elif not options.no_journal:
             run = _run_folder(options, endpoint, store)
-        known = Central(token_hex(8)) if run is None else run.central
         server = Daemon(
-            known,
+            Central(token_hex(8)) if run is None else run.central,
             endpoint,
             lost_after=options.lost_after,
             gate=gate,
@@ -406,27 +404,37 @@ def _run_once(options: Options) -> None:
             task_depth=options.task_depth,
             store=store,
         )
-        sync = Sync(options.sync)
-        kept = _kept_data(run, sync, keeps_tasks=keeps_inputs)
-        store.open(known.epoch, kept, succeeds_living=options.is_standby)
-        server.continues_unrecorded = options.if_fails == "go-on"
-        if run is not None:
-            run.open(server, sync, keeps_inputs=keeps_inputs, hold="hold" in options.resume)
-        journal = None if run is None else run.path
-        _link_journal(server.endpoint, journal, is_named=options.journal is not None)
-        _install_signal_handlers(server)
-        log.info("listening on %s", server.endpoint)
+        _begin_run(options, run, server, store)
         if isinstance(gate, OpenGate):
             log.warning("%s", INSECURE)
         log.info("no journal" if run is None else f"journal in {run.path}{run.history}")
         # Objects that last as long as central need no scan in each garbage collection.
         gc.freeze()
         server.serve()
+    except Deposed:
+        if server is None or not server.stopping:
+            raise
     finally:
         if server is not None:
             server.close()
         if run is not None:
             run.close()
+
+
+def _begin_run(
+    options: Options, run: RunFolder | Member | None, server: Daemon, store: Store
+) -> None:
+    """Open the files and the memory of a run, and let the server use them. Raises CentralError."""
+    sync, keeps_inputs = Sync(options.sync), not options.no_inputs
+    kept = _kept_data(run, sync, keeps_tasks=keeps_inputs)
+    store.open(server.central.epoch, kept, succeeds_living=options.is_standby)
+    server.continues_unrecorded = options.if_fails == "go-on"
+    if run is not None:
+        run.open(server, sync, keeps_inputs=keeps_inputs, hold="hold" in options.resume)
+    journal = None if run is None else run.path
+    _link_journal(server.endpoint, journal, is_named=options.journal is not None)
+    _install_signal_handlers(server)
+    log.info("listening on %s", server.endpoint)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,10 @@ from tca_wire.release import release
 log = logging.getLogger("tca.central")
 
 SILENT = 1.0
-"""Seconds without a message, though the log answers, after which another central takes over."""
+"""Seconds without a message, though the log answers, after which another central may take over.
+
+Without input the leader appends a tick each ``BEAT`` seconds.
+"""
 
 
 class Member:
@@ -86,10 +89,14 @@ class Member:
         leader = f"the central at {term.address} ({term.member})" if term else "another central"
         return CentralError(f"{leader} leads already: start this one with 'tca standby'")
 
-    def stand_by(self, is_stopping: Callable[[], bool], *, is_manual: bool = False) -> bool:
-        """Follow the leader until it is silent, and lead then. Return False if *is_stopping*.
+    def stand_by(self, is_stopping: Callable[[], bool], *, after: float = SILENT) -> bool:
+        """Follow the leader, and lead once it was silent for a time. Return False if *is_stopping*.
 
-        With *is_manual* this central waits for ``lead_now``. The end of the run ends it, too.
+        It also leads after ``lead_now``. The end of the run that it has followed ends it.
+
+        Args:
+            is_stopping: Tells whether to end. It is called several times a second.
+            after: Seconds of silence; infinite: a person must decide.
         """
         follower, was_followed = self._follower, False
         while not is_stopping():
@@ -99,14 +106,11 @@ class Member:
                 self._store.settle(central.registry.modules)
             if self._is_unfinished:
                 was_followed = True
-                if self._may_lead(is_manual=is_manual) and self._take_over():
+                if (self._is_asked or follower.silence >= after) and self._take_over():
                     return True
             elif was_followed:
                 return False
         return False
-
-    def _may_lead(self, *, is_manual: bool) -> bool:
-        return self._is_asked or (not is_manual and self._follower.silence >= SILENT)
 
     def lead_now(self) -> None:
         """Lead although another central does, or with a person's consent. A signal may call it."""
@@ -174,7 +178,7 @@ class Member:
             central = follower.central
             journal.end(central.event_count + 1, central.clock.now, follower.ended.why)
         else:
-            journal.close()
+            journal.discard()  # entries that wait belong to inputs that the log has refused
 
     def open(
         self,

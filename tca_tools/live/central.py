@@ -1,11 +1,13 @@
 """``tca central``: the daemon, and with --stop the end of a running one."""
 
+import math
 import time
 from typing import Any
 
 import click
 
 from tca_central.__main__ import central as daemon
+from tca_central.replication.member import SILENT
 from tca_module.sockets.transport import accepts_connections
 from tca_tools.errors import ToolError
 from tca_tools.live.shared import talking
@@ -72,11 +74,12 @@ central = click.Command(
 )
 
 
-def _stand_by(**options: Any) -> None:
+def _stand_by(*, is_manual: bool, after: float, **options: Any) -> None:
+    """Follow a leader, and take over."""
     if not options["log_address"]:
         raise click.UsageError("--log is missing: name the servers of the leader's log")
     assert daemon.callback is not None
-    daemon.callback(**options, is_standby=True)
+    daemon.callback(**options, is_standby=True, after=math.inf if is_manual else after)
 
 
 standby = click.Command(
@@ -85,7 +88,17 @@ standby = click.Command(
     params=[
         *daemon.params,
         click.Option(
-            ["--manual", "is_manual"], is_flag=True, help="Lead only if a person says so."
+            ["--after"],
+            type=click.FloatRange(min=SILENT),
+            default=SILENT,
+            show_default=True,
+            metavar="SECONDS",
+            help="Silence of the leader after which this central leads.",
+        ),
+        click.Option(
+            ["--manual", "is_manual"],
+            is_flag=True,
+            help="Lead only if a person says so, by the signal SIGUSR1 to this process.",
         ),
     ],
     help="Follow the central that leads, and take over when it is silent.",
