@@ -203,9 +203,11 @@ class JetStreamLog:
         while True:
             try:
                 return await work(*args)
-            except (BadRequestError, NotFoundError):
+            except NotFoundError:
                 raise
             except (TimeoutError, NatsError, OSError) as error:
+                if isinstance(error, BadRequestError) and error.err_code == _WRONG_LAST:
+                    raise
                 if time.monotonic() > until:
                     raise self._unreachable(error) from None
             await asyncio.sleep(0.05)
@@ -218,10 +220,10 @@ class JetStreamLog:
         )
 
     async def _append(self, messages: Sequence["_Appended"], after: int) -> int:
-        made = [self._append_one(one, after + number) for number, one in enumerate(messages)]
-        for result in await asyncio.gather(*made, return_exceptions=True):
-            if isinstance(result, BaseException):
-                raise result
+        # One after the other: a later piece alone might follow another central's message, and so
+        # depose that central.
+        for number, one in enumerate(messages):
+            await self._append_one(one, after + number)
         return after + len(messages)
 
     async def _append_one(self, one: "_Appended", after: int) -> None:
@@ -231,16 +233,33 @@ class JetStreamLog:
             headers[_PART] = str(one.part)
         if one.is_more:
             headers[_MORE] = "1"
-        try:
-            await self._until_answered(self._publish, one.data, headers)
-        except BadRequestError as error:
-            if error.err_code != _WRONG_LAST:
-                raise self._unreachable(error) from None
-            # An earlier attempt, whose answer was lost, may have succeeded.
-            found = await self._until_answered(self._message, after + 1)
-            if found is None or (found.headers or {}).get(_WRITER) != mark:
-                msg = "another central leads: it has written to the log"
-                raise Deposed(msg) from None
+        until = time.monotonic() + PATIENCE
+        while True:
+            try:
+                await self._until_answered(self._publish, one.data, headers)
+            except BadRequestError as error:
+                if time.monotonic() > until:
+                    raise self._unreachable(error) from None
+                if await self._is_appended(after + 1, mark):
+                    return
+                await asyncio.sleep(0.05)
+            else:
+                return
+
+    async def _is_appended(self, sequence: int, mark: str) -> bool:
+        """Whether an earlier attempt, whose answer was lost, has appended a message.
+
+        It may do so later: the servers expect its number while they are too few to store it. Raises
+        Deposed if another writer's message is there.
+        """
+        info = await self._until_answered(self._stream_api.stream_info, self._stream)
+        found = await self._until_answered(self._message, sequence)
+        if found is not None and (found.headers or {}).get(_WRITER) == mark:
+            return True
+        if found is not None or info.state.last_seq >= sequence:  # or it was removed
+            msg = "another central leads: it has written to the log"
+            raise Deposed(msg)
+        return False
 
     async def _publish(self, piece: bytes, headers: dict[str, str]) -> None:
         await self._stream_api.publish(f"{self._subject}.log", piece, headers=headers)
@@ -282,6 +301,7 @@ class JetStreamLog:
             self._reader = await self._stream_api.pull_subscribe(
                 f"{self._subject}.log", stream=self._stream, config=config
             )
+            self._read_to = after
         fetched = await self._reader.fetch(_BATCH, seconds)
         if not fetched:
             raise TimeoutError
