@@ -161,33 +161,16 @@ class ModelLog:
         part: int = 0,
         is_more: bool = False,
     ) -> int:
-        """Append pieces of a record after message *after*. All are under way at the same time."""
-        waiting = {}
+        """Append pieces of a record after message *after*, one after the other."""
         for number, data in enumerate(pieces):
             follows = is_more or number + 1 < len(pieces)
             message = Message(after + number + 1, kind, data, part + number, follows)
-            waiting[number] = Stored(message, f"{self.name} {next(self._serials)}", 0.0)
-        errors: dict[int, Exception] = {}
-        until = self.model.clock() + PATIENCE
-        while waiting:
-            for number, stored in list(waiting.items()):
-                try:
-                    self._append_one(stored)
-                except Lost:
-                    continue
-                except Deposed as error:
-                    errors[number] = error
-                del waiting[number]
-            if waiting and not self._may_retry(until):
-                errors |= dict.fromkeys(waiting, _unreachable())
-                break
-        if errors:
-            raise errors[min(errors)]
+            self._append_one(Stored(message, f"{self.name} {next(self._serials)}", 0.0))
         return after + len(pieces)
 
     def _append_one(self, stored: Stored) -> None:
         model, number = self.model, stored.message.sequence
-        if self._link.send(lambda: model.append(stored._replace(at=model.clock()))):
+        if self._until_answered(lambda: model.append(stored._replace(at=model.clock()))):
             return
         # An earlier attempt, whose answer was lost, may have succeeded.
         found = self._until_answered(lambda: model.message(number))
