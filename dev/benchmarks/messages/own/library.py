@@ -116,9 +116,8 @@ class Library(Showing):
 
     def start(self) -> None:
         address = address_in(self.folder)
-        options = JOURNALS[self.journal]
         journal = () if self.journal == "off" else ("--journal", str(self.folder / "journal"))
-        self.broker = self.children.central(self.folder, *options, *journal)
+        self.broker = self.children.central(self.folder, *self.log_options(), *journal)
         self.receiver = self.children.serve(serve, address)
         if not self.crowd:
             self.children.serve(listen, address)
@@ -129,6 +128,10 @@ class Library(Showing):
         self.client = connect("bench", address, SOON)
         for note in NOTES[: self.taps]:
             self.client.tap(Condition.WHILE_HANDLING, PING[1], note)
+
+    def log_options(self) -> tuple[str, ...]:
+        """Return central's options for its logs."""
+        return JOURNALS[self.journal]
 
     def stop(self) -> None:
         if hasattr(self, "client"):
