@@ -162,6 +162,9 @@ def _lead(member: Member, options: Options) -> bool:
 
 def _check_address(bind: str, *, insecure: bool) -> None:
     """Raise UsageError if an address is invalid, or lets other machines connect without a key."""
+    if "," in bind:
+        msg = f"central listens at one address, and '{bind}' has several: give one with --bind"
+        raise click.UsageError(msg)
     port = bind.rpartition(":")[2]
     is_number = port.isascii() and port.isdigit()
     is_tcp = bind.startswith("tcp://") and (port == "*" or (is_number and 0 < int(port) < 65536))

@@ -411,6 +411,7 @@ class LocalTransport(OneAddress):
         self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock
     ) -> None:
         self.id = connection
+        self.address = central.address  #: the central's name, for people
         self.is_stepped = central.is_stepped
         self.serves = ""  #: the module whose messages the thread handles; "" if it only sends
         self.is_paused = False  #: the thread of this connection waits
@@ -424,11 +425,6 @@ class LocalTransport(OneAddress):
         self._waker = Waker()
         self._lock = lock
         self._continues = threading.Condition(lock)  #: notified when the thread gets a turn
-
-    @property
-    def address(self) -> str:
-        """The central's name, for people."""
-        return self._central.address
 
     @property
     def is_idle(self) -> bool:

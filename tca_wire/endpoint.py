@@ -1,6 +1,7 @@
 """Central's default address and journal folder, which belong to the user."""
 
 import os
+import re
 import time
 from collections.abc import Iterable
 from hashlib import sha256
@@ -13,6 +14,9 @@ IS_STARTED_VARIABLE = "TCA_CENTRAL_IS_STARTED"
 """Set for a program whose starter also starts central: a short wait for central needs no advice."""
 
 _NUMBER_DIGITS = 6
+_TCP = re.compile(r"tcp://[A-Za-z0-9\[][A-Za-z0-9.:%;_\[\]-]*:([0-9]{1,5})")
+_LONGEST_SOCKET = len("ipc://") + 107
+"""Bytes in the address of a Unix socket."""
 _LOCAL_HOSTS = (
     "tcp://127.0.0.1",
     "tcp://localhost",
@@ -33,8 +37,49 @@ def default_folder() -> Path:
 
 
 def default_endpoint() -> str:
-    """Return the ZeroMQ address of central: ``$TCA_CENTRAL`` or the default socket."""
+    """Return the ZeroMQ address of central: ``$TCA_CENTRAL`` or the default socket.
+
+    The variable may have several addresses; see ``addresses_in``.
+    """
     return os.environ.get(VARIABLE) or f"ipc://{default_folder() / 'central.sock'}"
+
+
+class BadAddresses(ValueError):
+    """A list of central's addresses is invalid. The message names the address and what to do."""
+
+
+def addresses_in(text: str) -> list[str]:
+    """Return the addresses in a list with commas. One central at a time leads at one of them.
+
+    A text without a comma is one address, which is not checked. Raises BadAddresses.
+
+    Example:
+        >>> addresses_in("tcp://10.0.0.1:7400, tcp://10.0.0.2:7400")
+        ['tcp://10.0.0.1:7400', 'tcp://10.0.0.2:7400']
+    """
+    if "," not in text:
+        return [text]
+    addresses = [one.strip() for one in text.split(",")]
+    for number, one in enumerate(addresses):
+        if not one:
+            why = "an address is empty: give one on both sides of each comma"
+        elif not _is_address(one):
+            why = f"'{one}' is not an address: use ipc:///path/of/socket or tcp://host:port"
+        elif one in addresses[:number]:
+            why = f"'{one}' is there twice: leave one out"
+        elif one[:3] != addresses[0][:3]:
+            why = f"'{one}' is not of the kind of '{addresses[0]}': use only ipc:// or only tcp://"
+        else:
+            continue
+        raise BadAddresses(f"the list of central's addresses, '{text}': {why}")
+    return addresses
+
+
+def _is_address(text: str) -> bool:
+    if text.startswith("ipc:///"):
+        return len(os.fsencode(text)) <= _LONGEST_SOCKET
+    found = _TCP.fullmatch(text)
+    return found is not None and 0 < int(found[1]) < 1 << 16
 
 
 class NoHome(RuntimeError):

@@ -24,7 +24,7 @@ from tca_module.session.epoch_numbers import (
 from tca_module.session.registering import register_headers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
-from tca_module.sockets.transport import accepts_connections
+from tca_module.sockets.place import accepts_connections
 from tca_wire.endpoint import IS_STARTED_VARIABLE
 from tca_wire.messages.message import Message, with_needed
 from tca_wire.packets import headers
@@ -63,7 +63,7 @@ class Connection(Waits):
 
         after = _LOG_AFTER_IF_STARTED if IS_STARTED_VARIABLE in os.environ else _LOG_AFTER
         if logs_wait and not self.wait_loop.until(is_over, after, since=since):
-            where = self.transport.address
+            where = self.line.where
             self.log.warning(
                 "%s is waiting for central at %s (start it with: tca central)", what, where
             )
@@ -71,7 +71,7 @@ class Connection(Waits):
         if session.refused is not None:
             raise Refused(what, session.refused.refusal, session.refused.text)
         if not session.is_welcome:
-            where = f"central at {self.transport.address}"
+            where = f"central at {self.line.where}"
             raise Stopped(f"{what} was stopped before {where} had answered")
 
     def leave(self) -> None:
@@ -372,7 +372,7 @@ class Connection(Waits):
                 self._has_warned = True
                 self.log.warning(
                     "central at %s is not there: informs and broadcasts are lost",
-                    self.transport.address,
+                    self.line.where,
                 )
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
@@ -508,13 +508,18 @@ class Connection(Waits):
             left = since + within - self.now()
             self.line.send_due(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
-            if left <= 0 or (session.outgoing and not accepts_connections(self.transport.address)):
+            if left <= 0 or (session.outgoing and self._is_gone):
                 return
             self.line.listen(min(STEP, left))
 
+    @property
+    def _is_gone(self) -> bool:
+        """Whether no central listens. One that may move may soon listen elsewhere."""
+        return not (self.transport.has_others or accepts_connections(self.transport.address))
+
     def _why_missing(self) -> str:
         """Return where messages may be missing, and why."""
-        where = f"central at {self.transport.address}"
+        where = f"central at {self.line.where}"
         if not self.session.is_confirmed:
             return f"{where}: {self.line.advice()}"
         return f"{where}: the connection broke"

@@ -110,7 +110,8 @@ class KeepAlive:
             if address not in current.advice:
                 current.advice[address] = link.line.advice()
             advice = current.advice[address]
-            link.log.warning("central at %s does not answer; trying again: %s", address, advice)
+            where = link.line.where
+            link.log.warning("central at %s does not answer; trying again: %s", where, advice)
         elif not is_silent and self._has_warned:
             link.log.warning("central at %s is back", address)
         self._has_warned = is_silent

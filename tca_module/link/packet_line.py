@@ -11,12 +11,8 @@ from tca_module.log import log_of
 from tca_module.session.request import check_fields
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.curve import key_problem
-from tca_module.sockets.transport import (
-    Transport,
-    accepts_connections,
-    context,
-    rejects_connections,
-)
+from tca_module.sockets.place import accepts_connections, rejects_connections
+from tca_module.sockets.transport import Transport, context
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
@@ -90,24 +86,20 @@ class PacketLine:
             return f"central was silent for {seconds:.1f} s of it: {where}"
         return self.why_silent or "though central is alive: it is overloaded"
 
+    @property
+    def where(self) -> str:
+        """Central's address, or all addresses at which it may be, for errors."""
+        return " or ".join(self._transport.addresses)
+
     def lost_error(self) -> CentralLost:
         """Return the CentralLost for a central that does not answer."""
-        return CentralLost(f"central at {self._transport.address} does not answer: {self.advice()}")
+        return CentralLost(f"central at {self.where} does not answer: {self.advice()}")
 
     def advice(self) -> str:
         """Return advice for when central does not answer. Takes a moment."""
-        if rejects_connections(self._transport.address):
-            return (
-                "it takes no more connections: end some programs, or start it with a higher limit"
-                " of file descriptors (ulimit -Hn)"
-            )
-        if accepts_connections(self._transport.address):
-            if lacking := key_problem(context(), self._transport.address):
-                return lacking
-            return (
-                "it accepts connections, but its process is stopped (SIGSTOP, a paused container:"
-                " continue it) or very busy; or another program listens there, not a central"
-            )
+        for address in self._transport.addresses:
+            if advice := _advice_on(address):
+                return f"at {address} {advice}" if self._transport.has_others else advice
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
     def catch_up(
@@ -131,20 +123,26 @@ class PacketLine:
         """Do what ``Session.send_due`` does, and look for central where it may be."""
         if not self._transport.has_others:
             return self.session.send_due(now, since, quiet)
-        self._seek(now)
-        due = self.session.send_due(now, since, quiet)
-        return min(due, now + (_SILENT if self.session.is_welcome else _SEEK_PERIOD))
+        look_at = self._seek(now)
+        return min(look_at, self.session.send_due(now, since, quiet))
 
-    def _seek(self, now: float) -> None:
-        """Look for central at its other addresses if it is gone from the present one."""
+    def _seek(self, now: float) -> float:
+        """Look for central at its other addresses if it is gone from the present one.
+
+        Return when to look again.
+        """
         session, transport = self.session, self._transport
+        if now < self._seek_at:
+            return self._seek_at
         is_silent = session.heard < session.probed_since <= now - _SILENT
-        if now < self._seek_at or not (is_silent or transport.is_lost()):
-            return
-        self._seek_at = now + (_SILENT if is_silent else _SEEK_PERIOD)
+        if not (is_silent or transport.is_lost()):
+            return now + (_SILENT if session.is_welcome else _SEEK_PERIOD)
+        self._seek_at = now + _SEEK_PERIOD
         if (pulse := transport.seek()) is not None:
             session.set_pulse(pulse)
             session.break_off()
+            self._seek_at = now + _SILENT  # central has this long to answer there
+        return self._seek_at
 
     def listen_to_all(self) -> None:
         """Process all packets that have arrived."""
@@ -281,3 +279,18 @@ class PacketLine:
                         self.session.break_off()
                     return False
         return True
+
+
+def _advice_on(address: str) -> str:
+    """Return why the program at an address does not answer; "" if none listens there."""
+    if rejects_connections(address):
+        return (
+            "it takes no more connections: end some programs, or start it with a higher limit"
+            " of file descriptors (ulimit -Hn)"
+        )
+    if not accepts_connections(address):
+        return ""
+    return key_problem(context(), address) or (
+        "it accepts connections, but its process is stopped (SIGSTOP, a paused container:"
+        " continue it) or very busy; or another program listens there, not a central"
+    )

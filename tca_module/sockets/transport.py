@@ -1,23 +1,23 @@
 """Carries packets between a connection and central; waits for them and for other files at once."""
 
 import contextlib
-import errno
 import functools
 import math
 import os
 import select
-import socket as sockets
 import sys
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any, Protocol
 
 import zmq
 
 from tca_module.errors import MisuseError
 from tca_module.sockets.curve import set_client_key
+from tca_module.sockets.place import Place, place_of
 from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
+from tca_wire.endpoint import BadAddresses, addresses_in
 
 _OPTIONS = (
     # No routing id: central identifies connections by Hello, and a fixed id can leave a zombie
@@ -36,9 +36,9 @@ _OPTIONS = (
 )
 
 
-_PROBED_WITHIN = 0.2  # seconds
 _SILENT = 3.0  # seconds without a heartbeat after which central may lead at another address
 _LOOKS_EVERY = 1.0  # seconds between two looks whether central is gone, if it may move
+_SOUGHT_EVERY = 0.25  # the same if it is gone
 _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
 
@@ -57,14 +57,18 @@ class Transport(Protocol):
         """Return whether central may have moved: it is gone from here, or silent."""
 
     def seek(self) -> bytes | None:
-        """Connect to another address at which some program listens.
+        """Connect to another address at which central was found.
 
-        Returns the name of the pulse to it; None if nobody listens at the other addresses.
+        Returns the name of the pulse to it; None if no other address has answered yet.
         """
 
     @property
     def address(self) -> str:
-        """Central's address, for people."""
+        """Central's present address, for people."""
+
+    @property
+    def addresses(self) -> Sequence[str]:
+        """All addresses at which central may be, the present one first."""
 
     def has_arrived(self) -> bool:
         """Return whether something has arrived, or ``wake`` was called since the last call."""
@@ -115,7 +119,13 @@ class Transport(Protocol):
 class OneAddress:
     """The part of a transport that can't move."""
 
+    address: str
     has_others = False
+
+    @property
+    def addresses(self) -> Sequence[str]:
+        """The address."""
+        return [self.address]
 
     def is_lost(self) -> bool:
         """Return False."""
@@ -170,47 +180,6 @@ class Waker:
 _ONE = (1).to_bytes(8, sys.byteorder)  # an eventfd requires eight bytes; a pipe accepts anything
 
 
-def accepts_connections(address: str) -> bool:
-    """Return whether the operating system accepts connections to *address*.
-
-    The system accepts them for a stopped process, but not for a process that has ended. *address*
-    is ``ipc://`` or ``tcp://``.
-    """
-    try:
-        _probe(address).close()
-    except OSError as error:
-        # EAGAIN: the queue of the Unix socket is full, because its process is stopped.
-        return error.errno == errno.EAGAIN
-    except ValueError:
-        return False
-    return True
-
-
-def rejects_connections(address: str) -> bool:
-    """Return whether connections to *address* are cut at once, as by an overloaded central."""
-    try:
-        with _probe(address) as probe:
-            return not probe.recv(1)
-    except (OSError, ValueError) as error:
-        return isinstance(error, ConnectionResetError)
-
-
-def _probe(address: str) -> sockets.socket:
-    """Return a connection. Raises OSError, or ValueError if *address* is malformed."""
-    if not address.startswith("ipc://"):
-        host, _, port = address.removeprefix("tcp://").rpartition(":")
-        return sockets.create_connection((host.strip("[]"), int(port)), _PROBED_WITHIN)
-    path = address.removeprefix("ipc://")
-    probe = sockets.socket(sockets.AF_UNIX)
-    try:
-        probe.settimeout(_PROBED_WITHIN)
-        probe.connect(f"\0{path[1:]}" if path.startswith("@") else path)
-    except OSError:
-        probe.close()
-        raise
-    return probe
-
-
 _NO_PAUSE = contextlib.nullcontext()
 
 
@@ -245,17 +214,6 @@ def _context_of(_process: int) -> "zmq.Context[zmq.Socket[bytes]]":
     return zmq.Context()
 
 
-class _Place:
-    """Where this process has last found the central of a list of addresses."""
-
-    address = ""
-
-
-@functools.cache
-def _place_of(_process: int, _addresses: str) -> _Place:
-    return _Place()
-
-
 class DealerTransport:
     """A transport by a DEALER socket."""
 
@@ -263,11 +221,14 @@ class DealerTransport:
 
     def __init__(self, addresses: str) -> None:
         """*addresses*: one, or several with commas, of which one central leads."""
-        self._addresses = [one.strip() for one in addresses.split(",")]
-        self._place = _place_of(os.getpid(), addresses)
-        self.address = address = self._place.address or self._addresses[0]
-        self._place.address = address
-        self.has_others = len(self._addresses) > 1
+        try:
+            found = addresses_in(addresses)
+        except BadAddresses as error:
+            raise MisuseError(str(error)) from None
+        self._place: Place | None = place_of(found) if len(found) > 1 else None
+        self.has_others = self._place is not None
+        self.address = address = found[0] if self._place is None else self._place.address
+        self._addresses = found
         self._socket = context().socket(zmq.DEALER)
         self._file = int(self._socket.getsockopt(zmq.FD))
         self._receive_timeout = -1
@@ -289,31 +250,42 @@ class DealerTransport:
                 "central's address must be 'ipc:///path/of/socket' or 'tcp://host:port',"
                 f" not {address!r} ({error})"
             ) from None
-        self._pulse: Pulse | None = pulse_to(address)  #: None when closed
+        #: None when closed
+        self._pulse: Pulse | None = pulse_to(address, is_felt=self.has_others)
         self.pulse = self._pulse.name
 
     @property
     def _is_connected(self) -> bool:
         return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLOUT)
 
+    @property
+    def addresses(self) -> Sequence[str]:
+        """All addresses at which central may be, the present one first."""
+        return [self.address, *(one for one in self._addresses if one != self.address)]
+
     def is_lost(self) -> bool:
         """Return whether central may have moved: it is gone from here, or silent."""
-        is_silent = self._pulse is not None and self._pulse.silence() > _SILENT
-        return is_silent or self._place.address != self.address or not self._is_connected
+        if self._pulse is None or self._place is None:
+            return False
+        has_moved = self._place.address != self.address
+        return has_moved or not self._is_connected or self._pulse.silence() > _SILENT
 
     def seek(self) -> bytes | None:
-        """Connect to another address at which some program listens. Return the pulse's name."""
-        addresses = [self._place.address, *self._addresses]
-        others = (one for one in addresses if one != self.address)
-        found = next((one for one in others if accepts_connections(one)), None)
-        if found is None or self._pulse is None:
+        """Connect to another address at which central was found. Return the pulse's name."""
+        if self._pulse is None or self._place is None:
+            return None
+        try:
+            if (found := self._place.seek(self.address)) == self.address:
+                return None
+            set_client_key(self._socket, found)  # the key may have changed
+            pulse = pulse_to(found, is_felt=True)
+        except (MisuseError, RuntimeError):  # no usable key; or Python ends and starts no thread
             return None
         self._socket.disconnect(self.address)
         self._socket.connect(found)
         self._pulse.release()
-        self._pulse = pulse_to(found)
-        self.address = self._place.address = found
-        return self._pulse.name
+        self._pulse, self.address = pulse, found
+        return pulse.name
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send a packet; return whether it left. Waits *wait_seconds* at most."""
@@ -342,9 +314,8 @@ class DealerTransport:
             timeout_seconds -= _LIVELY
         if timeout_seconds > 0:
             if self.has_others:  # no event may tell that central is gone
-                if not self._is_connected:
-                    return None
-                timeout_seconds = min(timeout_seconds, _LOOKS_EVERY)
+                every = _LOOKS_EVERY if self._is_connected else _SOUGHT_EVERY
+                timeout_seconds = min(timeout_seconds, every)
             wait_for_files(self, timeout_seconds)
         return self.receive(0)
 

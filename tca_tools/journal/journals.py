@@ -13,7 +13,14 @@ import click
 
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_tools.journal.segments import Folder, listed, segments_in
-from tca_wire.endpoint import VARIABLE, by_number, default_journals, journal_link
+from tca_wire.endpoint import (
+    VARIABLE,
+    BadAddresses,
+    addresses_in,
+    by_number,
+    default_journals,
+    journal_link,
+)
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import JOURNAL_VERSION, Closed, Entry, Opened, Shortened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
@@ -31,16 +38,21 @@ _UNCERTAIN = "tasks that seem to be running since then may have ended"
 def newest_journal() -> Path:
     """Return the journal of the newest run.
 
-    If ``$TCA_CENTRAL`` is set, return the journal of the central that it names.
+    If ``$TCA_CENTRAL`` is set, return the journal of the central that it names. If it names several
+    addresses, return the journal of the central that leads, or was the last one to lead.
 
     Raises:
         UnusableLog: There is no such journal.
     """
-    if address := os.environ.get(VARIABLE):
-        if (link := journal_link(address)).is_dir() and segments_in(link):
-            return link.resolve()
+    if named := os.environ.get(VARIABLE):
+        try:
+            links = [journal_link(address) for address in addresses_in(named)]
+        except BadAddresses as error:
+            raise UnusableLog(f"${VARIABLE}: {error}") from None
+        if found := [link for link in links if link.is_dir() and segments_in(link)]:
+            return max(found, key=_last_to_lead).resolve()
         raise UnusableLog(
-            f"no journal of the central at {address} (${VARIABLE}) on this computer: "
+            f"no journal of the central at {named} (${VARIABLE}) on this computer: "
             "name one as LOG, or start 'tca central' there first"
         )
     if newest := next(run_folders(), None):
@@ -48,6 +60,15 @@ def newest_journal() -> Path:
     raise UnusableLog(
         f"no journal below {default_journals()}: name one as LOG, or start 'tca central' first"
     )
+
+
+def _last_to_lead(link: Path) -> tuple[bool, float]:
+    """Return a key by which to compare the links of centrals that lead in turn.
+
+    A central makes its link when it begins to lead. A clock that has jumped does not matter while a
+    central runs.
+    """
+    return Log(link).is_being_written, link.lstat().st_mtime
 
 
 def open_log(path: Path | None, epoch: str | None = None) -> "Log":

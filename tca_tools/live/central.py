@@ -8,7 +8,7 @@ import click
 
 from tca_central.__main__ import central as daemon
 from tca_central.replication.member import SILENT
-from tca_module.sockets.transport import accepts_connections
+from tca_module.sockets.place import accepts_connections
 from tca_tools.errors import ToolError
 from tca_tools.live.shared import talking
 

@@ -13,7 +13,14 @@ from msgspec import Meta
 
 from tca_tools.errors import BadUserFile
 from tca_tools.user_toml import check_keys, check_table, read_table, read_toml
-from tca_wire.endpoint import IS_STARTED_VARIABLE, VARIABLE, default_endpoint, new_journal
+from tca_wire.endpoint import (
+    IS_STARTED_VARIABLE,
+    VARIABLE,
+    BadAddresses,
+    addresses_in,
+    default_endpoint,
+    new_journal,
+)
 from tca_wire.text.nearest import nearest_or_all
 
 CENTRAL = "central"
@@ -62,7 +69,8 @@ class CentralTable(Limits, frozen=True, kw_only=True):
         str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')
     ] = ""
     """The address where central listens; programs get it as ``$TCA_CENTRAL``. Without an address,
-    it is ``$TCA_CENTRAL`` or else the default socket.
+    it is ``$TCA_CENTRAL`` or else the default socket. Without *start* there may be several with
+    commas, of which one central leads.
     """
     journal: PathName = ""
     """The folder of the journal. Without a folder, each start of ``tca run`` has a new one. A
@@ -186,6 +194,7 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     address = central.address or default_endpoint()
     if address.endswith(":*"):
         raise BadUserFile(f"central.address is {address}: name a port, so that modules find it")
+    _check_addresses(address, starts_central=central.start)
     for option in central.options:
         if instead := _NOT_AS_OPTIONS.get(option.partition("=")[0]):
             raise BadUserFile(f"central.options: leave {option} out: {instead}")
@@ -196,6 +205,19 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     if not programs:
         raise BadUserFile("there are no programs to run: add a table [modules.NAME] with a command")
     return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN))
+
+
+def _check_addresses(text: str, *, starts_central: bool) -> None:
+    """Raise BadUserFile if central's address is an invalid list, or central would listen there."""
+    try:
+        is_list = len(addresses_in(text)) > 1
+    except BadAddresses as error:
+        raise BadUserFile(f"central.address: {error}") from None
+    if is_list and starts_central:
+        raise BadUserFile(
+            f"central.address has several addresses, {text}: name the one of the central that"
+            " 'tca run' starts, or set central.start = false and start it elsewhere"
+        )
 
 
 def _central(table: CentralTable, address: str, folder: Path) -> Launch:

@@ -12,7 +12,7 @@ import zmq
 from processes import Central, central
 
 from tca_module import CentralLost, connect
-from tca_module.sockets.transport import rejects_connections
+from tca_module.sockets.place import rejects_connections
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tca_module.link.connection import Connection
 from tca_module.session.session import Session
-from tca_module.sockets.transport import Waker
+from tca_module.sockets.transport import OneAddress, Waker
 from tca_wire.packets.codec import pack, unpack_to_central
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -27,14 +27,13 @@ WELCOME = Welcome(1, 1, "legs", "one")
 Script = Callable[[ToCentral], list[ToModule]]
 
 
-class ScriptedCentral:
+class ScriptedCentral(OneAddress):
     """A transport whose far end answers each header with *script*. Waiting takes time on the
     transport's own clock.
     """
 
     address = "ipc://scripted"
     hold_seconds = 0.0
-    has_others = False
 
     def __init__(self, script: Script) -> None:
         self.script = script
