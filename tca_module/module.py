@@ -61,8 +61,9 @@ class Module(LoopModule):
     Args:
         name: the module's name, 1 to 128 printable characters. Give each running module its own
             name.
-        central: an address such as "tcp://rover:7400", or a ``LocalCentral``. Default: None, which
-            means ``$TCA_CENTRAL`` or else the default socket.
+        central: an address such as "tcp://rover:7400", or several with commas, of which one central
+            leads; or a ``LocalCentral``. Default: None, which means ``$TCA_CENTRAL`` or else the
+            default socket.
         capacity: the number of messages that the module's own resource handles at a time, 1 to 256.
             Default: 1.
         requires: the messages that must have a handler, here or elsewhere, before the module

@@ -69,8 +69,9 @@ def aconnect(
     Args:
         name: the name by which central knows the client, 1 to 128 printable characters. Default:
             "script".
-        central: an address such as "tcp://rover:7400", or a ``LocalCentral``. Default: None, which
-            means ``$TCA_CENTRAL`` or else the default socket.
+        central: an address such as "tcp://rover:7400", or several with commas, of which one central
+            leads; or a ``LocalCentral``. Default: None, which means ``$TCA_CENTRAL`` or else the
+            default socket.
         patience: the seconds to wait for central at the start; also the seconds of central's
             silence after which a call raises CentralLost. Default: 5.
         linger: the most seconds that the end of the block waits for sent messages to arrive.

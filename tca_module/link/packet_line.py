@@ -27,6 +27,7 @@ STALL = 2.0  # if a wait ends this many seconds too late, the whole process was 
 SENT_AT_ONCE = 4  # sends in a row that leave at once
 _MOST_HELD, _MOST_HELD_BYTES = 64, 16 << 10  # sends that wait to leave together
 _SILENT = 1.0  # seconds without an answer after which central may lead at another address
+_LOOK_PERIOD = 0.5  # seconds between two looks whether central is gone, if it may move
 _SEEK_PERIOD = 0.25  # seconds between two looks for a central that is gone
 _ACKNOWLEDGED_WITHIN = 0.02  # seconds; usually the next send takes the receipt along
 
@@ -136,7 +137,7 @@ class PacketLine:
             return self._seek_at
         is_silent = session.heard < session.probed_since <= now - _SILENT
         if not (is_silent or transport.is_lost()):
-            return now + (_SILENT if session.is_welcome else _SEEK_PERIOD)
+            return now + (_LOOK_PERIOD if session.is_welcome else _SEEK_PERIOD)
         self._seek_at = now + _SEEK_PERIOD
         if (pulse := transport.seek()) is not None:
             session.set_pulse(pulse)

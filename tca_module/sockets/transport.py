@@ -36,8 +36,10 @@ _OPTIONS = (
 )
 
 
-_SILENT = 3.0  # seconds without a heartbeat after which central may lead at another address
-_LOOKS_EVERY = 1.0  # seconds between two looks whether central is gone, if it may move
+# Seconds without a heartbeat after which central may lead at another address. Central sends one a
+# second. A wrong guess costs little: only a central that leads listens.
+_SILENT = 1.5
+_LOOKS_EVERY = 0.5  # seconds between two looks whether central is gone, if it may move
 _SOUGHT_EVERY = 0.25  # the same if it is gone
 _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 

@@ -197,6 +197,7 @@ def test_start_error_names_the_port_in_use(start_refused: StartRefused) -> None:
     [
         (["--bind", "tcp://0.0.0.0:5555", "--insecure"], "every program needs a key"),
         (["--bind", "nonsense"], "'nonsense' is not an address"),
+        (["--bind", "ipc:///tmp/a,ipc:///tmp/b"], "give one with --bind"),
         (["--bind", "tcp://127.0.0.1:99999"], "is not an address"),
         (["--bind", "ipc:///proc/nothing/central.sock"], "can't listen on"),
         (["--journal", "/proc/nothing"], "name another folder with --journal"),

@@ -165,6 +165,21 @@ def test_newest_journal_is_that_of_the_selected_central(
     assert newest_journal().resolve() == other.journal.resolve()
 
 
+def test_newest_journal_is_that_of_the_central_that_leads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with central(tmp_path / "a") as one:
+        with central(tmp_path / "b") as other:
+            monkeypatch.setenv("TCA_CENTRAL", f"tcp://robot:7000,{one.address}")
+            with pytest.raises(UnusableLog, match=one.address):
+                newest_journal()
+            monkeypatch.setenv("TCA_CENTRAL", f"ipc:///none, {one.address}, {other.address}")
+            assert newest_journal() == other.journal.resolve()
+        assert newest_journal() == one.journal.resolve()
+    assert newest_journal() == other.journal.resolve()
+
+
 def test_failed_sync_raises_and_leaves_the_run_unfinished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

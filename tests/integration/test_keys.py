@@ -16,6 +16,7 @@ import pytest
 import zmq
 from click.testing import CliRunner
 from module.real_central import SOON, RealCentral, until
+from nats_servers import free_port
 from processes import central, tca
 
 from tca_central.core import Central
@@ -84,6 +85,21 @@ def test_connection_is_identified_by_its_key(
             assert client.status()["modules"] == 1
     joined = [(fact.module, fact.principal) for fact in keyed.facts(facts.ModuleJoined)]
     assert joined == [("the arm", "arm"), ("the user", "user")]
+
+
+def test_key_is_shown_to_central_at_each_address_of_a_list(
+    folder: Path, as_key: Callable[[str], None]
+) -> None:
+    as_key("arm")
+    with RealCentral(TCP, gate=KeyGate(folder)) as first:
+        other = f"tcp://127.0.0.1:{free_port()}"
+        listed = f"{first.address},{other}"
+        with connect("arm", listed, patience=SOON) as user:
+            first.close()
+            with RealCentral(other, gate=KeyGate(folder)) as second:
+                user.modules()
+                assert user.address == second.address
+                assert {one.principal for one in second.facts(facts.ModuleJoined)} == {"arm"}
 
 
 def test_keyed_module_connects_its_slots_and_heartbeat(

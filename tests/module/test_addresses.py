@@ -203,7 +203,7 @@ def test_idle_module_leaves_a_central_that_stands_still(
     """Its pulse no longer feels heartbeats. It waits for no answer that would be late."""
     monkeypatch.setattr(server, "PULSE_PERIOD", 0.05)
     monkeypatch.setattr(transport, "_SILENT", 0.5)
-    monkeypatch.setattr(packet_line, "_SILENT", 0.1)
+    monkeypatch.setattr(packet_line, "_LOOK_PERIOD", 0.1)
     goes_on, legs = threading.Event(), Module("legs", anywhere)
     legs.handles(WHERE)(lambda _: "here")
     with RealCentral(addresses[0]) as first, legs.running():

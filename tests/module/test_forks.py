@@ -57,10 +57,12 @@ def in_child(address: str) -> int:
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_forked_process_gets_misuse_at_each_inherited_use(tmp_path: Path) -> None:
+@pytest.mark.parametrize("others", ["", ",ipc:///none"])
+def test_forked_process_gets_misuse_at_each_inherited_use(tmp_path: Path, others: str) -> None:
     owed: list[LaterReply[int]] = []
     with RealCentral(f"ipc://{tmp_path}/central") as central:
-        module = Module("legs", central.address)
+        address = central.address + others
+        module = Module("legs", address)
 
         @module.handles(MOVE)
         def move(task: Task, _: int) -> LaterReply[int]:
@@ -69,13 +71,13 @@ def test_forked_process_gets_misuse_at_each_inherited_use(tmp_path: Path) -> Non
 
         module.handles(WHERE, resource="head")(lambda _: 5)
         module.handles(Command("wave"), resource="arm")(lambda _: None)
-        with module.running(), connect("user", central.address) as user:
+        with module.running(), connect("user", address) as user:
             moved = user.command(MOVE, 1)
             assert user.query(WHERE, timeout=SOON) == 5
             until(lambda: owed, "the move is handled")
             hold(module, user, owed[0])
             with multiprocessing.get_context("fork").Pool(1) as pool:
-                assert pool.apply_async(in_child, (central.address,)).get(SOON) == 5
+                assert pool.apply_async(in_child, (address,)).get(SOON) == 5
             held["claim"].release()
             held["sent"].kill()
             owed[0].reply(7)

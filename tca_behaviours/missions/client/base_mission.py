@@ -69,7 +69,8 @@ class BaseMission(MissionWaits):
         Args:
             server: the server whose tasks the mission runs; may be left out if there is only one.
             name: the mission's name in the tree. Default: the name of the program.
-            central: where central listens. Default: ``$TCA_CENTRAL``, else the default socket.
+            central: where central listens: one address, or several with commas, of which one
+                central leads. Default: ``$TCA_CENTRAL``, else the default socket.
             patience: how many seconds to wait for the server. Default: 10.
             under: the task whose handler runs the mission; the mission's tasks stand below it.
                 Default: None, a new goal.

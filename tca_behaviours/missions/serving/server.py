@@ -67,7 +67,8 @@ class TaskServer:
                 completed, it runs again only after the next foreground task.
             rate: the iterations a second of a periodic task that sets no period. Default: 10.
             capacity: how many tasks may run at a time, 3 or more. Default: 16.
-            central: where central listens. Default: ``$TCA_CENTRAL``, else the default socket.
+            central: where central listens: one address, or several with commas, of which one
+                central leads. Default: ``$TCA_CENTRAL``, else the default socket.
 
         Raises:
             MisuseError, BadFormat: an argument is wrong, or one of *tasks* can't be offered.
