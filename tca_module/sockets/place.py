@@ -86,8 +86,8 @@ class Place:
             if self.address == lost:
                 for one in self._addresses:
                     if one != lost and one not in self._probed:
-                        self._probed.add(one)
                         threading.Thread(target=self._try, args=(one, lost), daemon=True).start()
+                        self._probed.add(one)
                 self._changed.wait_for(
                     lambda: self.address != lost or not self._probed, _FOUND_AT_ONCE
                 )
