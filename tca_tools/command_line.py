@@ -145,3 +145,7 @@ def _load(entry_point: EntryPoint) -> click.Command:
         raise click.ClickException(why)
 
     return broken
+
+
+if __name__ == "__main__":
+    main()

@@ -12,6 +12,7 @@ from tca_tools.supervise.output import Output
 from tca_tools.supervise.robot import Running
 from tca_tools.supervise.robot_file import RUN, RobotFile, load
 from tca_tools.supervise.supervised import GaveUp
+from tca_wire.log_address import without_secrets
 from tca_wire.text.printable import printable
 
 _PATIENCE = 2.0
@@ -71,8 +72,8 @@ def run(
     names = [RUN, *(program.name for program in robot.programs)]
     in_colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     try:
-        for path in robot.logs.values():
-            path.parent.mkdir(parents=True, exist_ok=True)
+        for folder in robot.folders:
+            folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ToolError(f"log: {error.filename} can't be made: {error.strerror}") from None
     output = Output(names, sys.stdout.fileno(), in_colour=in_colour, logs=robot.logs)
@@ -96,7 +97,7 @@ def _show(robot: RobotFile) -> None:
     width = max(len(program.name) for program in robot.programs)
     click.echo(f"central at {robot.address}")
     for program in robot.programs:
-        words = " ".join(program.command)
+        words = " ".join(without_secrets(one) if "://" in one else one for one in program.command)
         click.echo(
             f"{program.name:{width}}  {printable(words)}"
             f"  (in {program.cwd}, restart {program.restart})"

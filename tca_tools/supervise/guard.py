@@ -3,8 +3,8 @@
 It is started as ``python guard.py GRACE STARTER``, and imports only the standard library to stay
 small. Its standard input is a pipe from the starter. The kernel closes the pipe, however the
 starter dies. Each program writes its process group into the pipe before it starts: ``+12 0``, or
-``+7 1`` if the program ends last, as central does. The starter writes ``-12`` when group 12 has
-ended.
+``+7 1`` if the program ends last, as central does, or ``+7 2`` if it ends after central. The
+starter writes ``-12`` when group 12 has ended.
 """
 
 import os
@@ -20,7 +20,7 @@ LAST_GRACE = 1.0
 """Seconds between SIGTERM and SIGKILL."""
 
 
-def start_line(group: int, *, ends_last: bool) -> bytes:
+def start_line(group: int, *, ends_last: int) -> bytes:
     """Return the line for the guard when a program starts."""
     return b"+%d %d\n" % (group, ends_last)
 
@@ -102,7 +102,7 @@ def main() -> None:
     """Wait for the end of the starter, then end its remaining programs, central last."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    groups: dict[int, bytes] = {}  #: b"1" for a group that ends last
+    groups: dict[int, bytes] = {}  #: b"1" for a group that ends last, b"2" for one after those
     for line in sys.stdin.buffer:
         group, *ends_last = line[1:].split()
         groups.pop(int(group), None)
@@ -115,8 +115,8 @@ def main() -> None:
             file=sys.stderr,
             flush=True,
         )
-    for is_last in (b"0", b"1"):
-        stop_all({group: float(sys.argv[1]) for group in left if groups[group] == is_last})
+    for stage in (b"0", b"1", b"2"):
+        stop_all({group: float(sys.argv[1]) for group in left if groups[group] == stage})
 
 
 if __name__ == "__main__":

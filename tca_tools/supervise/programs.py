@@ -79,8 +79,8 @@ class Programs:
 
     def __exit__(self, *_: object) -> None:
         try:
-            for ends_last in (False, True):
-                self.stop(*(name for name in self._running if self._ends_last(name) == ends_last))
+            for stage in range(3):
+                self.stop(*(name for name in self._running if self._ends_last(name) == stage))
         finally:
             for name in list(self._running):  # after Ctrl-C: do not wait
                 self.kill(name)
@@ -99,18 +99,18 @@ class Programs:
                 line = guard.start_line(process.pid, ends_last=self._ends_last(name))
                 os.write(self._guard_pipe, line)
 
-    def _ends_last(self, name: str) -> bool:
-        return bool(self._starts[name][1]["ends_last"])
+    def _ends_last(self, name: str) -> int:
+        return int(self._starts[name][1]["ends_last"])
 
     # --- start and stop ---------------------------------------------------------------------------
 
-    def start(self, name: str, *command: str, ends_last: bool = False, **options: Any) -> int:
+    def start(self, name: str, *command: str, ends_last: int = False, **options: Any) -> int:
         """Start a program under this name.
 
         Args:
             name: the name; one program of a name runs at a time.
             command: the program and its arguments.
-            ends_last: whether it is stopped only after the others, as central is.
+            ends_last: whether it is stopped only after the others, as central is; 2: after central.
             options: options of ``subprocess.Popen``.
 
         Returns:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from shutil import rmtree
 from types import FrameType
 
 from tca_tools.errors import ToolError
@@ -31,7 +32,7 @@ class Running:
     """A running robot. A thread supervises each program; the main thread waits for the end."""
 
     def __init__(self, robot: RobotFile, output: Output, file: Path) -> None:
-        self._output = output
+        self._output, self._scratch = output, robot.scratch
         self._control = Control(file, self._act, self._report)
         self._lock = threading.Lock()  #: held while a program is started, or the end begins
         self._is_ending = False
@@ -56,7 +57,10 @@ class Running:
         """
         self._handle_signals()
         self._output.on_closed = lambda: self._request_end("the reader of the output has ended")
-        modules = [one for one in self._supervised if not one.program.is_central]
+        modules, centrals, servers = (
+            [one for one in self._supervised if one.program.ends_last == stage]
+            for stage in range(3)
+        )
         with self._programs, self._threads:
             for one in self._supervised:
                 self._start(one)
@@ -69,9 +73,12 @@ class Running:
             self._stop_programs(modules, self._is_hurried)
             if self._hang_watch is not None:
                 self._hang_watch.stop()
-            self._stop_programs(self._supervised, self._is_hurried)
+            self._stop_programs(centrals, self._is_hurried)
+            self._stop_programs(servers, self._is_hurried)
         if failure is not None:
             raise failure
+        if self._scratch is not None:
+            rmtree(self._scratch, ignore_errors=True)
         return all(one.code in (0, None) for one in modules)
 
     def _start(self, one: Supervised) -> None:
@@ -173,7 +180,8 @@ class Running:
             except TimeoutError:
                 one.stop.clear()
                 one.is_halted = False
-                raise ToolError("central did not end in time: see what it says") from None
+                name = one.program.name
+                raise ToolError(f"{name} did not end in time: see what it says") from None
         self._stop_programs([one])
 
     def _handle_signals(self) -> None:

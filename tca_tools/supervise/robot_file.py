@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from tca_tools.errors import BadUserFile
+from tca_tools.supervise.trial_log import INSTALL, second_address, trial_log
 from tca_tools.user_toml import check_keys, check_table, read_table, read_toml
 from tca_wire.endpoint import (
     IS_STARTED_VARIABLE,
@@ -21,9 +23,13 @@ from tca_wire.endpoint import (
     default_endpoint,
     new_journal,
 )
+from tca_wire.log_address import log_in
 from tca_wire.text.nearest import nearest_or_all
 
-CENTRAL = "central"
+CENTRAL, STANDBY, SERVERS = "central", "standby", "nats"
+_TRIAL = "trial"
+_CENTRAL, _STANDBY = ["tca_central"], ["tca_tools.command_line", "standby"]
+"""What starts a central: a module, and its first argument."""
 RUN = "run"
 """The name of ``tca run`` among the programs."""
 
@@ -34,6 +40,7 @@ _NOT_AS_OPTIONS = {
     "--bind": "write address = ...",
     "--journal": "write journal = ...",
     "--fresh": "a central that has crashed would forget its run",
+    "--log": "write replicated_log = ...",
 }
 
 
@@ -69,8 +76,18 @@ class CentralTable(Limits, frozen=True, kw_only=True):
         str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')
     ] = ""
     """The address where central listens; programs get it as ``$TCA_CENTRAL``. Without an address,
-    it is ``$TCA_CENTRAL`` or else the default socket. Without *start* there may be several with
-    commas, of which one central leads.
+    it is ``$TCA_CENTRAL`` or else the default socket. With a replicated log, several addresses with
+    commas between them: of each central.
+    """
+    bind: Annotated[str, Meta(description="one of the addresses, in quotes")] = ""
+    """Which of several addresses is this computer's central. The central at the first address
+    begins the run, and the others are its standbys. Without it, it is the first address.
+    """
+    replicated_log: Annotated[
+        str, Meta(description='"trial", or the address of a log: "nats://host,host,host/NAME"')
+    ] = ""
+    """The replicated log of the run. A standby continues the run when central is gone. "trial"
+    starts three NATS servers, central and a standby on this computer.
     """
     journal: PathName = ""
     """The folder of the journal. Without a folder, each start of ``tca run`` has a new one. A
@@ -138,25 +155,41 @@ class Launch(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_central(self) -> bool:
-        """Whether it is central, which starts first and ends last."""
-        return self.name == CENTRAL
+        """Whether it is central or its standby, which end after the modules."""
+        return self.name in (CENTRAL, STANDBY) and self.journal is not None
+
+    @property
+    def ends_last(self) -> int:
+        """When it ends: 0 for modules, 1 for centrals, 2 for the servers of their log."""
+        return 1 if self.is_central else 2 * self.is_server
+
+    is_server: bool = False
+    """Whether it is a server of the log."""
 
 
 class RobotFile(msgspec.Struct, frozen=True):
     """The checked content of a robot's file."""
 
     address: str
-    """The address of central."""
+    """The address of central, or several with commas between them."""
     programs: list[Launch]
     """First central, unless it runs already."""
     log: Path | None = None
     """The file of what ``tca run`` says itself."""
+    scratch: Path | None = None
+    """The folder of a trial's log that no later start of ``tca run`` reads."""
 
     @property
     def logs(self) -> dict[str, Path]:
         """The files of output, by program."""
         found = {RUN: self.log, **{program.name: program.log for program in self.programs}}
         return {name: path for name, path in found.items() if path is not None}
+
+    @property
+    def folders(self) -> list[Path]:
+        """The folders that must exist before the start."""
+        servers = [program.cwd for program in self.programs if program.is_server]
+        return servers + [path.parent for path in self.logs.values()]
 
     def only(self, names: list[str]) -> "RobotFile":
         """Return a copy with only the named programs; a module's name stands for all its copies.
@@ -167,7 +200,11 @@ class RobotFile(msgspec.Struct, frozen=True):
         for name in names:
             if name not in known:
                 raise BadUserFile(f"--only {name}: {nearest_or_all(name, known)}")
-        programs = [one for one in self.programs if one.name.partition(".")[0] in names]
+        programs = [
+            one
+            for one in self.programs
+            if one.name.partition(".")[0] in names or (one.is_server and CENTRAL in names)
+        ]
         return msgspec.structs.replace(self, programs=programs)
 
 
@@ -192,52 +229,114 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     check_keys(Limits, RUN, common)
     central = read_table(CentralTable, CENTRAL, tables.get(CENTRAL, {}), common)
     address = central.address or default_endpoint()
-    if address.endswith(":*"):
+    if ":*" in address:
         raise BadUserFile(f"central.address is {address}: name a port, so that modules find it")
-    _check_addresses(address, starts_central=central.start)
     for option in central.options:
         if instead := _NOT_AS_OPTIONS.get(option.partition("=")[0]):
             raise BadUserFile(f"central.options: leave {option} out: {instead}")
-    programs = [_central(central, address, folder)] if central.start else []
+    address, programs = _centrals(central, address, folder)
     environment = _environment(address, starts_central=central.start)
     for name, table in tables.get("modules", {}).items():
         programs += _copies(name, table, common, environment, folder)
+    names = {one.name.partition(".")[0] for one in programs if one.is_central or one.is_server}
+    if used := next((one for one in tables.get("modules", {}) if one in names), None):
+        raise BadUserFile(
+            f"modules.{used}: choose another name: the replicated log has such programs"
+        )
     if not programs:
         raise BadUserFile("there are no programs to run: add a table [modules.NAME] with a command")
-    return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN))
+    servers = [one.cwd for one in programs if one.is_server]
+    scratch = servers[0] if servers and not central.journal else None
+    return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN), scratch)
 
 
-def _check_addresses(text: str, *, starts_central: bool) -> None:
-    """Raise BadUserFile if central's address is an invalid list, or central would listen there."""
-    try:
-        is_list = len(addresses_in(text)) > 1
-    except BadAddresses as error:
-        raise BadUserFile(f"central.address: {error}") from None
-    if is_list and starts_central:
-        raise BadUserFile(
-            f"central.address has several addresses, {text}: name the one of the central that"
-            " 'tca run' starts, or set central.start = false and start it elsewhere"
-        )
-
-
-def _central(table: CentralTable, address: str, folder: Path) -> Launch:
-    """Return the launch of central.
+def _centrals(table: CentralTable, address: str, folder: Path) -> tuple[str, list[Launch]]:
+    """Return the addresses of all centrals, and the launches of those of this computer.
 
     Each run of the robot has its own journal, unless the file names a journal. If central is
-    restarted during the run, it continues with the same journal.
+    restarted during the run, it continues with the same journal. Raises BadUserFile.
     """
+    try:
+        addresses = addresses_in(address)
+    except BadAddresses as error:
+        raise BadUserFile(f"central.address: {error}") from None
+    _check_log(table, addresses)
+    if not table.start:
+        return address, []
     journal = _path(folder, table.journal) if table.journal else new_journal()
-    options = ["--bind", address, "--journal", str(journal), *table.options]
-    command = [sys.executable, "-m", "tca_central", *options]
-    environment = _environment(address, starts_central=True)
+    if table.replicated_log != _TRIAL:
+        bind = table.bind or addresses[0]
+        command = _CENTRAL if bind == addresses[0] else _STANDBY
+        log = table.replicated_log
+        return address, [_central(table, folder, CENTRAL, command, address, bind, journal, log)]
+    log, commands = trial_log(journal / SERVERS)
+    both = addresses if len(addresses) > 1 else [*addresses, second_address(addresses[0])]
+    address = ",".join(both)
+    leads = _central(table, folder, CENTRAL, _CENTRAL, address, both[0], journal, log)
+    beside = journal / STANDBY
+    follows = _central(table, folder, STANDBY, _STANDBY, address, both[1], beside, log)
+    servers = [
+        Launch(
+            name=f"{SERVERS}.{number}",
+            command=command,
+            cwd=journal / SERVERS,
+            env=leads.env,
+            limits=table,
+            is_left_down=True,
+            is_server=True,
+        )
+        for number, command in enumerate(commands, 1)
+    ]
+    return address, [*servers, leads, follows]
+
+
+def _check_log(table: CentralTable, addresses: list[str]) -> None:
+    """Check the replicated log, and the addresses of its centrals. Raises BadUserFile."""
+    log, bind = table.replicated_log, table.bind
+    if log and not table.start:
+        raise BadUserFile("central.replicated_log: leave it out, because start is false")
+    if table.log.startswith("nats://"):
+        raise BadUserFile("central.log is a folder for output: write replicated_log = ...")
+    if bind and bind not in addresses:
+        raise BadUserFile(
+            f"central.bind is not in central.address: {nearest_or_all(bind, addresses)}"
+        )
+    if len(addresses) > 1 and table.start and not log:
+        raise BadUserFile("central.address has several addresses: add replicated_log = ...")
+    if log == _TRIAL and (bind or len(addresses) > 2):
+        raise BadUserFile(
+            'central.replicated_log is "trial": give at most two addresses, and leave bind out'
+        )
+    if log and find_spec("nats") is None:
+        raise BadUserFile(f"central.replicated_log needs the client of NATS: {INSTALL}")
+    if log and log != _TRIAL:
+        try:
+            log_in(log)
+        except ValueError as error:
+            raise BadUserFile(f"central.replicated_log: {error}") from None
+
+
+def _central(
+    table: CentralTable,
+    folder: Path,
+    name: str,
+    command: list[str],
+    addresses: str,
+    bind: str,
+    journal: Path,
+    log: str,
+) -> Launch:
+    """Return the launch of a central."""
+    options = ["--bind", bind, "--journal", str(journal), *table.options]
+    options += ["--log", log] if log else []
     return Launch(
-        name=CENTRAL,
-        command=command,
+        name=name,
+        command=[sys.executable, "-m", *command, *options],
         cwd=folder,
-        env=environment,
+        env=_environment(addresses, starts_central=True),
         limits=table,
         journal=journal,
-        log=_log(folder, table.log, CENTRAL),
+        log=_log(folder, table.log, name),
     )
 
 

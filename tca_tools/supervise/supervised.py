@@ -125,7 +125,7 @@ class Supervised:
             self.group = self._programs.start(
                 program.name,
                 *program.command,
-                ends_last=program.is_central,
+                ends_last=program.ends_last,
                 cwd=program.cwd,
                 env=program.env,
                 stdout=write,

@@ -56,7 +56,7 @@ class DaemonOfTest(Rig):
         kept = {one.name.partition(".")[0] for one in robot.programs} - set(leave_out)
         robot.only(list(leave_out))
         for program in robot.only(sorted(kept)).programs:
-            if not program.is_central:
+            if not program.ends_last:
                 environment = {**program.env, VARIABLE: self.address}
                 self.programs.start(
                     program.name, *program.command, cwd=program.cwd, env=environment

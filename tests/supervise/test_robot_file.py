@@ -1,5 +1,6 @@
 """A robot file is checked before any start. Errors name the key and the remedy."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tca_tools.errors import BadUserFile
+from tca_tools.supervise import trial_log
 from tca_tools.supervise.command import run
 from tca_tools.supervise.restarts import Restarts, how_it_ended
 from tca_tools.supervise.robot_file import Limits, RobotFile, load
@@ -74,6 +76,76 @@ def test_robot_file_starts_its_programs(tmp_path: Path) -> None:
     assert [one.name for one in robot.only(["legs"]).programs] == ["legs.1", "legs.2"]
     with pytest.raises(BadUserFile, match="--only leg: did you mean 'legs'"):
         robot.only(["leg"])
+
+
+def option(name: str, words: list[str]) -> str:
+    return words[words.index(name) + 1]
+
+
+def test_trial_log_starts_servers_central_and_standby(tmp_path: Path) -> None:
+    text = """
+[central]
+address = "ipc:///tmp/c.sock"
+replicated_log = "trial"
+journal = "journal"
+[modules.legs]
+command = "sh"
+"""
+    robot = loaded(tmp_path, text)
+    *servers, central, standby, legs = robot.programs
+    assert [one.name for one in servers] == ["nats.1", "nats.2", "nats.3"]
+    assert [one.ends_last for one in robot.programs] == [2, 2, 2, 1, 1, 0]
+    ports = {option("--port", one.command) for one in servers}
+    assert len(ports) == 3
+    log = option("--log", central.command)
+    assert all(f"127.0.0.1:{port}" in log for port in ports)
+    assert option("--log", standby.command) == log
+    assert central.command[2] == "tca_central"
+    assert "standby" in standby.command
+    assert option("--bind", central.command) == "ipc:///tmp/c.sock"
+    assert option("--bind", standby.command) == "ipc:///tmp/c-2.sock"
+    assert option("--journal", standby.command) == str(tmp_path / "journal" / "standby")
+    assert legs.env["TCA_CENTRAL"] == robot.address == "ipc:///tmp/c.sock,ipc:///tmp/c-2.sock"
+    assert len(robot.only(["central"]).programs) == 4
+    assert robot.scratch is None
+    assert loaded(tmp_path, "[central]\nreplicated_log = 'trial'\n").scratch is not None
+
+
+def test_computers_with_one_log_have_a_central_each(tmp_path: Path) -> None:
+    both = "tcp://a:1,tcp://b:1"
+    text = f"[central]\naddress = '{both}'\nreplicated_log = 'nats://a,b,c/rover'\n"
+    (first,) = loaded(tmp_path, text).programs
+    (second,) = loaded(tmp_path, f"{text}bind = 'tcp://b:1'").programs
+    assert first.command[2] == "tca_central"
+    assert "standby" in second.command
+    assert option("--bind", second.command) == "tcp://b:1"
+    assert second.env["TCA_CENTRAL"] == both
+
+
+def test_trial_log_needs_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(BadUserFile, match="tca-central\\[log\\]"):
+        loaded(tmp_path, "[central]\nreplicated_log = 'trial'\n")
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("ipc:///run/central.sock", "ipc:///run/central-2.sock"),
+        ("tcp://127.0.0.1:5555", "tcp://127.0.0.1:5556"),
+    ],
+)
+def test_standby_has_an_address_of_its_own(first: str, second: str) -> None:
+    assert trial_log.second_address(first) == second
+
+
+def test_plan_hides_the_password_of_the_log(tmp_path: Path) -> None:
+    text = "[central]\nreplicated_log = 'nats://rover:secret@a,b,c'\n"
+    (tmp_path / "robot.toml").write_text(text)
+    shown = CliRunner().invoke(run, ["--check", str(tmp_path / "robot.toml")])
+    assert "nats://a,b,c" in shown.output
+    assert "secret" not in shown.output
 
 
 @pytest.mark.parametrize("start", ["true", "false"])
