@@ -142,7 +142,7 @@ def _member(options: Options, address: str, store: Store, key: str) -> Member:
     shared = JetStreamLog(*log_in(str(options.log_address)))
     try:
         return Member(shared, address, options.folder or new_journal(), store, key)
-    except CentralError:
+    except BaseException:
         shared.close()
         raise
 
@@ -153,9 +153,9 @@ def _lead(member: Member, options: Options) -> bool:
         member.begin(is_fresh=options.fresh)
         return True
     signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, lambda number, _: signals.append(number))
-    signal.signal(signal.SIGUSR1, lambda *_: member.lead_now())
+    signal.signal(signal.SIGUSR2, lambda *_: member.lead_now())
     log.info("follows the log; journal in %s", member.path)
     return member.stand_by(lambda: bool(signals), after=options.after)
 

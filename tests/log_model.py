@@ -143,6 +143,7 @@ class ModelLog:
         self.model, self._link = model, link or SoundLink(model.clock)
         self.name = name or f"client {len(model.clients)}"
         self.is_closed = False
+        self.gives_up: Callable[[], bool] = lambda: False
         self._serials = count()
         self._sign: Sign | None = None
         self._heard: tuple[float, Sign] | None = None  #: the last sign that others received
@@ -187,6 +188,10 @@ class ModelLog:
         if found:
             self._stamp, self._has_read = found[-1].at, True
         return [one.message for one in found]
+
+    def last(self) -> int:
+        """Return the number of the last message."""
+        return self._until_answered(lambda: self.model.last)
 
     def remove(self, before: int) -> None:
         """Remove the messages before a number, or none."""

@@ -15,13 +15,16 @@ class NatsServers:
     Args:
         folder: The folder for their files.
         number: The number of servers.
-        store: Bytes that each one may store.
+        store: Bytes that each one may store; 0: no JetStream.
+        more: More lines of their configuration.
     """
 
-    def __init__(self, folder: Path, number: int = 3, *, store: int = 1 << 30) -> None:
+    def __init__(
+        self, folder: Path, number: int = 3, *, store: int = 1 << 30, more: str = ""
+    ) -> None:
         self.ports = [free_port() for _ in range(number)]
         self._routes = [free_port() for _ in range(number)]
-        self._folder, self._store = folder, store
+        self._folder, self.store, self._more = folder, store, more
         self.processes: list[subprocess.Popen[bytes] | None] = [None] * number
         for one in range(number):
             self.start(one)
@@ -41,9 +44,10 @@ class NatsServers:
             if len(self.ports) > 1
             else ""
         )
+        jetstream = f'jetstream {{ store_dir: "{folder}/store", max_file_store: {self.store} }}\n'
         (folder / "server.conf").write_text(
             f'server_name: s{number}\nlisten: "127.0.0.1:{self.ports[number]}"\n{cluster}'
-            f'jetstream {{ store_dir: "{folder}/store", max_file_store: {self._store} }}\n'
+            f"{jetstream if self.store else ''}{self._more}\n"
         )
         self.processes[number] = subprocess.Popen(
             [SERVER, "-c", folder / "server.conf", "-l", folder / "server.log"],
@@ -55,6 +59,13 @@ class NatsServers:
         """Kill a server, if it runs."""
         if (process := self.processes[number]) is not None:
             process.kill()
+            process.wait()
+            self.processes[number] = None
+
+    def end(self, number: int) -> None:
+        """Ask a server to end, and wait until it has ended."""
+        if (process := self.processes[number]) is not None:
+            process.send_signal(signal.SIGINT)
             process.wait()
             self.processes[number] = None
 

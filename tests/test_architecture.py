@@ -114,7 +114,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     },
     "tca_tools.supervise": {
         "guard": set(),
-        "robot_file": set(),
+        "trial_log": set(),
+        "robot_file": {"trial_log"},
         "log_file": set(),
         "output": {"log_file"},
         "room": set(),

@@ -67,6 +67,7 @@ class Daemon:
     def __init__(self, folder: Path, sync: Sync = Sync.ALWAYS, *, accept: bool = False) -> None:
         """Raises CentralError."""
         self.log: RunLog | None = None
+        self.stopping = ""
         self._folder = RunFolder(folder, accept=accept)
         self.central, self.run = self._folder.central, self._folder.run
         try:

@@ -81,6 +81,10 @@ class Follower:
                 self._use(record)
         return bool(messages)
 
+    def skip(self, last: int) -> None:
+        """Read nothing up to message *last*, with which a run has ended."""
+        self.last, self.ended = last, Ended("")
+
     def take_over(self, address: str, *, is_fresh: bool = False) -> bool:
         """Lead from now on. Return False if the log has gone on meanwhile: follow it first.
 

@@ -1,22 +1,19 @@
 """The replicated log on NATS JetStream. One stream has one log.
 
-The client library of NATS is asynchronous, so that it runs in a thread of its own. Central's loop
-waits for each append: what follows from inputs must not leave before they are safe.
+Central's loop waits for each append: what follows from inputs must not leave before they are safe.
 """
 
 import asyncio
 import contextlib
+import logging
 import threading
 import time
-from collections.abc import Coroutine, Sequence
-from concurrent.futures import Future, wait
+from collections.abc import Callable, Coroutine, Sequence
 from itertools import count
 from secrets import token_hex
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import msgspec
-import nats
-from nats.aio.client import Client
 from nats.errors import Error as NatsError
 from nats.js import JetStreamContext
 from nats.js.api import (
@@ -27,35 +24,34 @@ from nats.js.api import (
     StorageType,
     StreamConfig,
 )
-from nats.js.errors import BadRequestError, NotFoundError
+from nats.js.errors import NotFoundError
 
 from tca_central.errors import CentralError
 from tca_central.replication.jetstream_bodies import JetStreamBodies
-from tca_central.replication.shared_log import (
-    Deposed,
-    Kind,
-    LogUnreachable,
-    Message,
-    Sign,
+from tca_central.replication.jetstream_connection import (
+    PATIENCE,
+    JetStreamConnection,
+    WrongLast,
 )
+from tca_central.replication.log_checks import check_stream, has_quorum
+from tca_central.replication.shared_log import Deposed, Kind, Message, Sign
+
+log = logging.getLogger("tca.central")
 
 SIGN_PERIOD = 0.25
 """Seconds between two signs of life."""
-PATIENCE = 15.0
-"""Seconds to wait for the log. It elects another leader within about six."""
-_REPLY_WITHIN = 1.0
-_BATCH = 500
-_WRONG_LAST = 10071
+_BATCH = 64
+"""Messages in a batch at most: a server cuts a client for which more than 64 MiB wait."""
+_NO_STREAM = 10059
 _KIND, _PART, _MORE, _WRITER = "Tca-Kind", "Tca-Part", "Tca-More", "Tca-Writer"
 _EXPECTED = "Nats-Expected-Last-Sequence"
 
-T = TypeVar("T")
 _encode_sign = msgspec.json.Encoder().encode
 _decode_sign = msgspec.json.Decoder(Sign).decode
 
 
 class JetStreamLog:
-    """A log in a stream of NATS.
+    """A log in a stream of NATS. Once it is open, each call waits until the log answers.
 
     Args:
         servers: Addresses of the servers, ``nats://host:port``.
@@ -63,25 +59,37 @@ class JetStreamLog:
     """
 
     def __init__(self, servers: Sequence[str], name: str) -> None:
-        self._servers, self._stream, self._subject = list(servers), f"TCA-{name}", f"tca.{name}"
-        self._replicas = min(len(self._servers), 5)
+        self._subject, self._replicas = f"tca.{name}", min(len(servers), 5)
+        self._line = JetStreamConnection(servers, f"TCA-{name}")
+        self._line.on_connected = self._listen
+        self._bodies = JetStreamBodies(self._line, self._subject)
+        #: The same with a connection of its own, for a thread beside that of this log.
+        self._bodies_beside: JetStreamBodies | None = None
+        self._thread = threading.get_ident()
         self._writer, self._serials = token_hex(8), count()
         self._sign: Sign | None = None
         self._signs: dict[str, tuple[float, Sign]] = {}
         self._reader: JetStreamContext.PullSubscription | None = None
         self._read_to = 0  #: the last message that the reader has returned
         self._stamp = 0.0  #: when the log got that message, in seconds since 1970
-        self._begun: set[Future[None]] = set()
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="log", daemon=True)
-        self._thread.start()
-        self._nats: Client
-        self._stream_api: JetStreamContext
+        self._begun: set[asyncio.Task[None]] = set()
         try:
-            self._call(self._open())
+            self._line.call(self._open())
         except BaseException:
-            self._end_loop()
+            self._line.close()
             raise
+
+    @property
+    def gives_up(self) -> Callable[[], bool]:
+        """Whether calls fail that wait for the log, because this program must end."""
+        return self._line.gives_up
+
+    @gives_up.setter
+    def gives_up(self, gives_up: Callable[[], bool]) -> None:
+        self._line.gives_up = gives_up
+
+    def _gives_up_now(self) -> bool:
+        return self._line.gives_up()
 
     def append(
         self,
@@ -93,15 +101,21 @@ class JetStreamLog:
         is_more: bool = False,
     ) -> int:
         """Append pieces of a record after message *after*. See ``SharedLog``."""
-        messages = [
-            _Appended(kind, data, part + number, is_more or number + 1 < len(pieces))
-            for number, data in enumerate(pieces)
-        ]
-        return self._call(self._append(messages, after))
+        # One after the other: a later piece alone might follow another central's message, and so
+        # depose that central.
+        for number, data in enumerate(pieces):
+            follows = is_more or number + 1 < len(pieces)
+            message = Message(after + number + 1, kind, data, part + number, follows)
+            self._line.call(self._append(message))
+        return after + len(pieces)
 
     def read(self, after: int, seconds: float) -> list[Message]:
         """Return messages that follow *after*. See ``SharedLog``."""
-        return self._call(self._read(after, seconds))
+        return self._line.call(self._read(after, seconds))
+
+    def last(self) -> int:
+        """Return the number of the last message. See ``SharedLog``."""
+        return int(self._line.call(self._line.until_answered(self._last_sequence)))
 
     def remove(self, before: int) -> None:
         """Remove the messages before a number, soon or never."""
@@ -118,15 +132,24 @@ class JetStreamLog:
     def signs(self) -> list[tuple[float, Sign]]:
         """Return each follower's last sign of life, and the seconds since then."""
         now = time.monotonic()
-        return [(now - at, sign) for at, sign in self._signs.copy().values()]
+        return [(now - at, sign) for at, sign in self._signs.values()]
 
     def put_body(self, name: str, data: bytes) -> None:
-        """Store a large body. See ``SharedLog``."""
-        self._call(self._bodies.put(name, data))
+        """Store a large body. See ``SharedLog``. One thread beside that of this log may call it."""
+        bodies = self._bodies
+        if threading.get_ident() != self._thread:
+            if self._bodies_beside is None:
+                line = JetStreamConnection(self._line.servers, self._line.stream)
+                line.gives_up = self._gives_up_now
+                self._bodies_beside = JetStreamBodies(line, self._subject)
+                line.call(line.open())
+                line.is_open = True
+            bodies = self._bodies_beside
+        bodies.line.call(bodies.put(name, data))
 
     def body(self, name: str) -> bytes | None:
         """Return a large body; None if it is missing or incomplete."""
-        return self._call(self._bodies.get(name))
+        return self._line.call(self._bodies.get(name))
 
     def remove_body(self, name: str) -> None:
         """Remove a large body, soon or never."""
@@ -134,159 +157,123 @@ class JetStreamLog:
 
     def bodies(self) -> list[str]:
         """Return the names of all large bodies."""
-        return self._call(self._bodies.names())
+        return self._line.call(self._bodies.names())
 
     def close(self) -> None:
         """Give no more signs, and disconnect."""
-        wait(self._begun, PATIENCE)
-        with contextlib.suppress(CentralError):
-            self._call(self._close())
-        self._end_loop()
-
-    def _call(self, work: Coroutine[Any, Any, T]) -> T:
-        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+        if self._bodies_beside is not None:
+            self._bodies_beside.line.close()
+        self._line.close(self._begun)
 
     def _begin(self, work: Coroutine[Any, Any, None]) -> None:
-        """Do this in the background. ``close`` waits for it."""
-        self._begun.add(asyncio.run_coroutine_threadsafe(work, self._loop))
-        self._begun = {one for one in self._begun if not one.done()}
+        """Begin work that continues during later calls. ``close`` waits for it."""
+        task = self._line.begin(work)
+        self._begun.add(task)
+        task.add_done_callback(self._begun.discard)
 
-    def _end_loop(self) -> None:
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    # --- in the thread of the loop ----------------------------------------------------------------
+    # --- while a call waits -----------------------------------------------------------------------
 
     async def _open(self) -> None:
-        async def ignore(_: Exception) -> None:
-            """Errors come back from the calls that they concern."""
-
-        try:
-            self._nats = await nats.connect(
-                self._servers,
-                error_cb=ignore,
-                max_reconnect_attempts=-1,
-                reconnect_time_wait=0.1,
-                connect_timeout=1,
-                ping_interval=1,
-                max_outstanding_pings=2,
-            )
-        except (NatsError, OSError) as error:
-            raise self._unreachable(error) from None
-        self._stream_api = self._nats.jetstream(timeout=_REPLY_WITHIN)
-        await self._until_answered(self._find_stream)
-        await self._nats.subscribe(f"{self._subject}.signs", cb=self._note_sign)
-        self._bodies = JetStreamBodies(
-            self._stream_api, self._stream, self._subject, self._until_answered
-        )
+        await self._line.open()
+        await self._line.until_answered(self._find_stream)
         await self._bodies.open(self._replicas)
-        self._signing = self._loop.create_task(self._give_signs())
+        self._line.note_answer()
+        self._line.begin(self._give_signs())
+        self._line.is_open = True
+
+    async def _listen(self) -> None:
+        await self._line.client.subscribe(f"{self._subject}.signs", cb=self._note_sign)
 
     async def _find_stream(self) -> None:
+        subject, api, stream = f"{self._subject}.log", self._line.api, self._line.stream
         try:
-            await self._stream_api.stream_info(self._stream)
+            info = await api.stream_info(stream)
         except NotFoundError:
-            await self._stream_api.add_stream(
+            info = await api.add_stream(
                 StreamConfig(
-                    name=self._stream,
-                    subjects=[f"{self._subject}.log"],
+                    name=stream,
+                    subjects=[subject],
                     storage=StorageType.FILE,
                     num_replicas=self._replicas,
                     allow_direct=False,  # a follower of the stream might answer with an old state
                 )
             )
+        if warning := check_stream(info.config, subject, len(self._line.servers)):
+            log.warning("%s", warning)
 
-    async def _until_answered(self, work: Any, *args: Any) -> Any:
-        """Repeat a call until the log answers. Raises LogUnreachable."""
-        until = time.monotonic() + PATIENCE
-        while True:
-            try:
-                return await work(*args)
-            except NotFoundError:
-                raise
-            except (TimeoutError, NatsError, OSError) as error:
-                if isinstance(error, BadRequestError) and error.err_code == _WRONG_LAST:
-                    raise
-                if time.monotonic() > until:
-                    raise self._unreachable(error) from None
-            await asyncio.sleep(0.05)
-
-    def _unreachable(self, error: Exception) -> LogUnreachable:
-        why = str(error) or type(error).__name__
-        return LogUnreachable(
-            f"the log at {','.join(self._servers)} does not answer ({why}): "
-            "more than half of its servers must run"
-        )
-
-    async def _append(self, messages: Sequence["_Appended"], after: int) -> int:
-        # One after the other: a later piece alone might follow another central's message, and so
-        # depose that central.
-        for number, one in enumerate(messages):
-            await self._append_one(one, after + number)
-        return after + len(messages)
-
-    async def _append_one(self, one: "_Appended", after: int) -> None:
+    async def _append(self, one: Message) -> None:
+        """Append a message. It keeps its mark, since an attempt without an answer may succeed."""
         mark = f"{self._writer} {next(self._serials)}"
-        headers = {_KIND: str(one.kind), _WRITER: mark, _EXPECTED: str(after)}
+        headers = {_KIND: str(one.kind), _WRITER: mark, _EXPECTED: str(one.sequence - 1)}
         if one.part:
             headers[_PART] = str(one.part)
         if one.is_more:
             headers[_MORE] = "1"
-        until = time.monotonic() + PATIENCE
+        until = 0.0
         while True:
             try:
-                await self._until_answered(self._publish, one.data, headers)
-            except BadRequestError as error:
+                await self._line.until_answered(self._publish, one.data, headers)
+            except WrongLast:
+                if await self._is_appended(one.sequence, mark):
+                    break
+                # The servers expect the next number while they are too few to store this one.
+                until = until or time.monotonic() + PATIENCE
                 if time.monotonic() > until:
-                    raise self._unreachable(error) from None
-                if await self._is_appended(after + 1, mark):
-                    return
+                    raise self._line.lost("has lost messages") from None
                 await asyncio.sleep(0.05)
             else:
-                return
+                break
+        self._line.note_answer()
 
     async def _is_appended(self, sequence: int, mark: str) -> bool:
         """Whether an earlier attempt, whose answer was lost, has appended a message.
 
-        It may do so later: the servers expect its number while they are too few to store it. Raises
-        Deposed if another writer's message is there.
+        It may do so later. Raises Deposed if another writer's message is there.
         """
-        info = await self._until_answered(self._stream_api.stream_info, self._stream)
-        found = await self._until_answered(self._message, sequence)
+        last = await self._line.until_answered(self._last_sequence)
+        found = await self._line.until_answered(self._message, sequence)
         if found is not None and (found.headers or {}).get(_WRITER) == mark:
             return True
-        if found is not None or info.state.last_seq >= sequence:  # or it was removed
+        if found is not None or last >= sequence:  # or it was removed
             msg = "another central leads: it has written to the log"
             raise Deposed(msg)
         return False
 
     async def _publish(self, piece: bytes, headers: dict[str, str]) -> None:
-        await self._stream_api.publish(f"{self._subject}.log", piece, headers=headers)
+        await self._line.api.publish(f"{self._subject}.log", piece, headers=headers)
 
     async def _message(self, sequence: int) -> "RawStreamMsg | None":
         try:
-            return await self._stream_api.get_msg(self._stream, sequence)
-        except NotFoundError:  # removed by another writer
-            return None
+            return await self._line.api.get_msg(self._line.stream, sequence)
+        except NotFoundError as error:
+            if error.err_code == _NO_STREAM:
+                raise self._line.lost("was deleted") from None
+            return None  # removed by another writer, or not there yet
 
     async def _read(self, after: int, seconds: float) -> list[Message]:
-        until, waits_until = time.monotonic() + seconds, time.monotonic() + PATIENCE
+        line, start = self._line, time.monotonic()
+        until = start + seconds
         while True:
             try:
-                return await self._fetch(after, max(0.01, until - time.monotonic()))
-            except TimeoutError:
+                messages = await self._fetch(after, max(0.01, until - time.monotonic()))
+            except TimeoutError as error:
+                problem: Exception = error
                 last = await self._last()
-                if last is not None and last > after:
-                    self._reader = None  # it has missed messages
-                elif last is not None and time.monotonic() >= until:
-                    return []
-                problem: Exception = TimeoutError("no messages")
+                if last is not None:
+                    line.note_answer()
+                    if last > after:
+                        self._reader = None  # it has missed messages
+                    elif time.monotonic() >= until:
+                        return []
+                    start = time.monotonic()
             except (NatsError, OSError) as error:
                 self._reader, problem = None, error
-            if time.monotonic() > waits_until:
-                raise self._unreachable(problem) from None
-            await asyncio.sleep(0.02)
+            else:
+                line.note_answer()
+                return messages
+            if line.gives_up():
+                return []
+            await line.pause(start, problem)
 
     async def _fetch(self, after: int, seconds: float) -> list[Message]:
         if self._reader is None or self._read_to != after:
@@ -298,29 +285,40 @@ class JetStreamLog:
                 mem_storage=True,
                 num_replicas=1,
             )
-            self._reader = await self._stream_api.pull_subscribe(
-                f"{self._subject}.log", stream=self._stream, config=config
+            self._reader = await self._line.api.pull_subscribe(
+                f"{self._subject}.log", stream=self._line.stream, config=config
             )
             self._read_to = after
-        fetched = await self._reader.fetch(_BATCH, seconds)
-        if not fetched:
+        raw = await self._reader.fetch(_BATCH, seconds)
+        if not raw:  # a server's remark has ended the wait
             raise TimeoutError
-        messages = [_read_message(one) for one in fetched]
-        self._read_to, self._stamp = (
-            messages[-1].sequence,
-            fetched[-1].metadata.timestamp.timestamp(),
-        )
+        fetched = [_read_message(one) for one in raw]
+        first = fetched[0].sequence
+        messages = [one for at, one in enumerate(fetched) if one.sequence == first + at]
+        if first <= after or (first > after + 1 and await self._first() <= after + 1):
+            self._reader = None  # its server or connection broke: it repeats or loses messages
+            raise TimeoutError
+        self._read_to = messages[-1].sequence
+        self._stamp = raw[len(messages) - 1].metadata.timestamp.timestamp()
         return messages
 
+    async def _first(self) -> int:
+        return int((await self._line.api.stream_info(self._line.stream)).state.first_seq)
+
+    async def _last_sequence(self) -> int:
+        return int((await self._line.api.stream_info(self._line.stream)).state.last_seq)
+
     async def _last(self) -> int | None:
+        """Return the number of the last message; None if the log does not answer."""
         try:
-            return int((await self._stream_api.stream_info(self._stream)).state.last_seq)
+            info = await self._line.api.stream_info(self._line.stream)
+            return int(info.state.last_seq) if has_quorum(info) else None
         except (TimeoutError, NatsError, OSError):
             return None
 
     async def _remove(self, before: int) -> None:
         with contextlib.suppress(NatsError, asyncio.TimeoutError, OSError):
-            await self._stream_api.purge_stream(self._stream, seq=before)
+            await self._line.api.purge_stream(self._line.stream, seq=before)
 
     async def _note_sign(self, message: Any) -> None:
         with contextlib.suppress(msgspec.MsgspecError):
@@ -331,22 +329,10 @@ class JetStreamLog:
         while True:
             if self._sign is not None:
                 with contextlib.suppress(NatsError, OSError):
-                    await self._nats.publish(f"{self._subject}.signs", _encode_sign(self._sign))
+                    await self._line.client.publish(
+                        f"{self._subject}.signs", _encode_sign(self._sign)
+                    )
             await asyncio.sleep(SIGN_PERIOD)
-
-    async def _close(self) -> None:
-        self._signing.cancel()
-        with contextlib.suppress(NatsError, asyncio.TimeoutError, OSError):
-            await asyncio.wait_for(self._nats.close(), 1.0)
-
-
-class _Appended(NamedTuple):
-    """A message to append."""
-
-    kind: Kind
-    data: bytes
-    part: int
-    is_more: bool
 
 
 def _read_message(raw: Any) -> Message:
@@ -354,7 +340,10 @@ def _read_message(raw: Any) -> Message:
     try:
         kind = Kind(headers.get(_KIND, ""))
     except ValueError:
-        msg = f"message {raw.metadata.sequence.stream} of the log is not central's"
+        msg = (
+            f"message {raw.metadata.sequence.stream} of the log is not central's: "
+            f"delete the stream {raw.metadata.stream}, or choose another NAME in nats://.../NAME"
+        )
         raise CentralError(msg) from None
     part = int(headers.get(_PART, 0))
     return Message(raw.metadata.sequence.stream, kind, raw.data, part, _MORE in headers)

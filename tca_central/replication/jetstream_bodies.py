@@ -5,14 +5,13 @@ A body's pieces have subjects of their own, so that a body can be read and remov
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 from nats.errors import Error as NatsError
-from nats.js import JetStreamContext
 from nats.js.api import StorageType, StreamConfig
 from nats.js.errors import NotFoundError
 
+from tca_central.replication.jetstream_connection import JetStreamConnection
 from tca_central.replication.shared_log import cut
 
 _PIECES = "Tca-Pieces"
@@ -24,21 +23,13 @@ class JetStreamBodies:
     """The large bodies of a log.
 
     Args:
-        api: The connection.
-        stream: The name of the log's stream. That of the bodies has "-data" behind it.
+        line: The connection. The stream of the bodies has the name of the log's, with "-data".
         subject: The first part of all subjects.
-        until_answered: Repeats a call until the servers answer.
     """
 
-    def __init__(
-        self,
-        api: JetStreamContext,
-        stream: str,
-        subject: str,
-        until_answered: Callable[..., Awaitable[Any]],
-    ) -> None:
-        self._api, self._until_answered = api, until_answered
-        self._stream, self._subject = f"{stream}-data", f"{subject}.data"
+    def __init__(self, line: JetStreamConnection, subject: str) -> None:
+        self.line = line
+        self._stream, self._subject = f"{line.stream}-data", f"{subject}.data"
 
     async def open(self, replicas: int) -> None:
         """Create the stream, unless it is there."""
@@ -51,9 +42,9 @@ class JetStreamBodies:
             allow_direct=False,
         )
         try:
-            await self._until_answered(self._api.stream_info, self._stream)
+            await self.line.until_answered(self.line.api.stream_info, self._stream)
         except NotFoundError:
-            await self._until_answered(self._api.add_stream, config)
+            await self.line.until_answered(self.line.api.add_stream, config)
 
     def _subject_of(self, name: str) -> str:
         return f"{self._subject}.{name.replace('/', '.')}"
@@ -65,25 +56,29 @@ class JetStreamBodies:
         for some in _windows(len(pieces)):
             await asyncio.gather(
                 *(
-                    self._until_answered(self._publish, f"{subject}.{one}", pieces[one], headers)
+                    self.line.until_answered(
+                        self._publish, f"{subject}.{one}", pieces[one], headers
+                    )
                     for one in some
                 )
             )
 
     async def _publish(self, subject: str, piece: bytes, headers: dict[str, str]) -> None:
-        await self._api.publish(subject, piece, headers=headers)
+        await self.line.api.publish(subject, piece, headers=headers)
 
     async def get(self, name: str) -> bytes | None:
         """Return a body; None if it is missing or incomplete."""
         subject, pieces = self._subject_of(name), []
         try:
-            first = await self._until_answered(self._api.get_last_msg, self._stream, f"{subject}.0")
+            first = await self.line.until_answered(
+                self.line.api.get_last_msg, self._stream, f"{subject}.0"
+            )
             pieces.append(first.data or b"")
             for some in _windows(int(first.headers[_PIECES]), 1):
                 found = await asyncio.gather(
                     *(
-                        self._until_answered(
-                            self._api.get_last_msg, self._stream, f"{subject}.{one}"
+                        self.line.until_answered(
+                            self.line.api.get_last_msg, self._stream, f"{subject}.{one}"
                         )
                         for one in some
                     )
@@ -96,12 +91,12 @@ class JetStreamBodies:
     async def remove(self, name: str) -> None:
         """Remove a body, or leave it if the servers do not answer."""
         with contextlib.suppress(NatsError, asyncio.TimeoutError, OSError):
-            await self._api.purge_stream(self._stream, subject=f"{self._subject_of(name)}.*")
+            await self.line.api.purge_stream(self._stream, subject=f"{self._subject_of(name)}.*")
 
     async def names(self) -> list[str]:
         """Return the names of all bodies."""
-        info = await self._until_answered(
-            self._api.stream_info, self._stream, f"{self._subject}.*.*.0"
+        info = await self.line.until_answered(
+            self.line.api.stream_info, self._stream, f"{self._subject}.*.*.0"
         )
         subjects = info.state.subjects or {}
         return ["/".join(subject.split(".")[-3:-1]) for subject in subjects]

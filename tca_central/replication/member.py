@@ -3,6 +3,7 @@
 import logging
 import os
 import socket
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.events import Restarted
 from tca_central.replication.follower import Follower
+from tca_central.replication.records import ends_run
 from tca_central.replication.shared_inputs import SharedInputs
-from tca_central.replication.shared_log import SharedLog, Sign
+from tca_central.replication.shared_log import Deposed, SharedLog, Sign
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder
 from tca_central.shell.recovery import GRACE, LONGEST_AWAY, ended_processes
@@ -24,6 +26,7 @@ from tca_wire.release import release
 
 log = logging.getLogger("tca.central")
 
+_LOOK_PERIOD = 0.3
 SILENT = 1.0
 """Seconds without a message, though the log answers, after which another central may take over.
 
@@ -65,15 +68,18 @@ class Member:
         return self._follower.central
 
     def begin(self, *, is_fresh: bool) -> None:
-        """Lead from the start. Raises CentralError if another central leads."""
+        """Lead from the start. Raises Deposed if another central leads, CentralError."""
         follower, is_all_read = self._follower, False
+        last, is_over = self._end()
+        if last and is_over:  # its journal is another central's
+            follower.skip(last)
         while not is_all_read or (self._is_unfinished and follower.silence < SILENT):
             if not follower.follow(0.1):
                 is_all_read = True
             elif is_all_read:
-                raise self._already_led()
+                raise self._already_led(is_fresh=is_fresh)
         if not self._take_over(is_fresh=is_fresh):
-            raise self._already_led()
+            raise self._already_led(is_fresh=is_fresh)
 
     def _take_over(self, *, is_fresh: bool = False) -> bool:
         """Lead from now on. Return False if the log has later messages."""
@@ -84,32 +90,39 @@ class Member:
     def _is_unfinished(self) -> bool:
         return self._follower.central is not None and self._follower.ended is None
 
-    def _already_led(self) -> CentralError:
+    def _end(self) -> tuple[int, bool]:
+        """Return the last message's number, and whether the log has no unfinished run."""
+        last = self.shared.last()
+        return last, not last or any(map(ends_run, self.shared.read(last - 1, 1)))
+
+    def _already_led(self, *, is_fresh: bool) -> CentralError:
         term = self._follower.term
         leader = f"the central at {term.address} ({term.member})" if term else "another central"
-        return CentralError(f"{leader} leads already: start this one with 'tca standby'")
+        if is_fresh:
+            return CentralError(f"{leader} leads a run: end it, or leave --fresh out to follow it")
+        return Deposed(f"{leader} leads")
 
     def stand_by(self, is_stopping: Callable[[], bool], *, after: float = SILENT) -> bool:
         """Follow the leader, and lead once it was silent for a time. Return False if *is_stopping*.
 
-        It also leads after ``lead_now``. The end of the run that it has followed ends it.
+        It also leads after ``lead_now``. It starts no run: if there is none, it waits for one. The
+        end of the run ends it, too.
 
         Args:
             is_stopping: Tells whether to end. It is called several times a second.
             after: Seconds of silence; infinite: a person must decide.
         """
-        follower, was_followed = self._follower, False
-        while not is_stopping():
+        follower, self.shared.gives_up = self._follower, is_stopping
+        while not is_stopping() and self._end()[1]:
+            time.sleep(_LOOK_PERIOD)
+        while not is_stopping() and follower.ended is None:
             follower.follow(0.1)
             self.shared.give_sign(Sign(self._name, self._address, follower.last))
             if (central := follower.central) is not None:
                 self._store.settle(central.registry.modules)
-            if self._is_unfinished:
-                was_followed = True
-                if (self._is_asked or follower.silence >= after) and self._take_over():
-                    return True
-            elif was_followed:
-                return False
+            is_due = self._is_asked or follower.silence >= after
+            if is_due and self._is_unfinished and self._take_over():
+                return True
         return False
 
     def lead_now(self) -> None:
@@ -191,6 +204,7 @@ class Member:
         """Let a server write to the log and the journal, and continue the run."""
         follower, central = self._follower, self.central
         self.shared.give_sign(None)
+        self.shared.gives_up = lambda: bool(server.stopping)
         inputs = SharedInputs(self.shared, follower.last, self._name, central.epoch, self.path)
         server.log = RunLog(self._journal_of(central), inputs, follower.image_events)
         if follower.term is None or follower.term.is_first:

@@ -81,6 +81,16 @@ class Pieces:
             raise CentralError(msg) from None
 
 
+def ends_run(message: Message) -> bool:
+    """Whether a message ends a run."""
+    if message.kind is not Kind.TURN:
+        return False
+    try:
+        return isinstance(_decode_turn(message.data)[-1], Ended)
+    except msgspec.MsgspecError:  # a later piece of a turn
+        return False
+
+
 def _checked(term: Term) -> Term:
     if (term.version, term.protocol) != (INPUT_VERSION, PROTOCOL_VERSION):
         msg = (

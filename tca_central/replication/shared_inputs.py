@@ -3,6 +3,7 @@
 An image is appended in pieces, one a turn, so that no turn waits for a whole image.
 """
 
+import logging
 import time
 from collections import deque
 from pathlib import Path
@@ -12,6 +13,8 @@ from tca_central.events import Input, Standby
 from tca_central.replication.records import Image, encode
 from tca_central.replication.shared_log import Kind, SharedLog, cut
 from tca_central.shell.input_log import IMAGE_SUFFIX, Ended
+
+log = logging.getLogger("tca.central")
 
 GONE = 2.0
 """Seconds without a sign of life after which a follower no longer counts as one."""
@@ -117,7 +120,11 @@ class SharedInputs:
     def end(self, why: str) -> None:
         """Append the last inputs, and that the run has ended."""
         self._turn.append(Ended(why))
-        self.close()
+        try:
+            self.close()
+        except CentralError as error:
+            log.error("the run does not end, and a standby continues it: %s", error)  # noqa: TRY400
+            raise
 
     def close(self) -> None:
         """Append the last inputs. Raises CentralError."""

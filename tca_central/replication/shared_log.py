@@ -5,19 +5,17 @@ knows, and fails if the log has a later one. So whoever appends has read everyth
 centrals never both extend the log: the log itself is the lock.
 """
 
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import NamedTuple, Protocol
 
 import msgspec
 
 from tca_central.errors import CentralError
+from tca_wire import log_address
 
 PIECE_BYTES = 512 << 10
 """Bytes in one message at most. The engine's limit is a mebibyte, with its headers."""
-
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 class Kind(StrEnum):
@@ -57,6 +55,9 @@ class LogUnreachable(CentralError):
 class SharedLog(Protocol):
     """A replicated log of one run after the other, and the large bodies of the present one."""
 
+    gives_up: Callable[[], bool]
+    """Whether calls that wait for the log fail, because this program must end."""
+
     def append(
         self,
         kind: Kind,
@@ -79,6 +80,9 @@ class SharedLog(Protocol):
         If there are none, wait up to *seconds* for one. The first number is higher than *after* + 1
         if messages were removed. Raises LogUnreachable.
         """
+
+    def last(self) -> int:
+        """Return the number of the last message; 0 if there was none. Raises LogUnreachable."""
 
     def remove(self, before: int) -> None:
         """Remove the messages before a number, soon or never."""
@@ -123,19 +127,8 @@ def cut(data: bytes) -> list[bytes]:
 
 
 def log_in(address: str) -> tuple[list[str], str]:
-    """Return the servers and the name in the address of a log. Raises CentralError.
-
-    Example:
-        >>> log_in("nats://10.0.0.1:4222,10.0.0.2/rover")
-        (['nats://10.0.0.1:4222', 'nats://10.0.0.2'], 'rover')
-    """
-    scheme, _, rest = address.partition("://")
-    servers, _, name = rest.partition("/")
-    found = [f"nats://{one.strip()}" for one in servers.split(",") if one.strip()]
-    if scheme != "nats" or not found or not _NAME.fullmatch(name := name or "robot"):
-        msg = (
-            f"'{address}' is not the address of a log: use nats://host:port,host:port/NAME, "
-            "with letters, digits, - and _ in NAME"
-        )
-        raise CentralError(msg)
-    return found, name
+    """Return the servers and the name in the address of a log. Raises CentralError."""
+    try:
+        return log_address.log_in(address)
+    except ValueError as error:
+        raise CentralError(str(error)) from None

@@ -24,6 +24,7 @@ class Recorder(Protocol):
     """A server that writes to the folder."""
 
     log: RunLog | None
+    stopping: str  #: why it must end; "" while it runs
 
     def handle_input(self, event: Input) -> None:
         """Handle an input."""

@@ -98,7 +98,7 @@ standby = click.Command(
         click.Option(
             ["--manual", "is_manual"],
             is_flag=True,
-            help="Lead only if a person says so, by the signal SIGUSR1 to this process.",
+            help="Lead only if a person says so, by the signal SIGUSR2 to this process.",
         ),
     ],
     help="Follow the central that leads, and take over when it is silent.",

@@ -3,7 +3,6 @@
 import random
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import wait
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,12 @@ from tca_central.replication.jetstream import JetStreamLog
 from tca_central.replication.shared_log import PIECE_BYTES, Deposed, Kind, Message, log_in
 
 BODIES = ["one/1", "one/2", "two/1"]
+
+
+def _finish(log: JetStreamLog) -> None:
+    """Let background work end, which continues during calls."""
+    while log._begun:
+        log.last()
 
 
 class Both:
@@ -59,7 +64,7 @@ class Both:
         before = max(1, self.model.last - self.dice.choice((0, 1, 4, 20)))
         for one in (real, modelled):
             one.remove(before)
-        wait(real._begun)
+        _finish(real)
 
     def _put(self, real: JetStreamLog, modelled: ModelLog) -> None:
         name, size = self.dice.choice(BODIES), self.dice.choice((1, 5000, 2 * PIECE_BYTES + 1))
@@ -75,7 +80,7 @@ class Both:
         name = self.dice.choice(BODIES)
         for one in (real, modelled):
             one.remove_body(name)
-        wait(real._begun)
+        _finish(real)
 
     def _compare(self, what: str, do: Callable[[Any], object], logs: Sequence[object]) -> None:
         self._note(what, *map(do, logs))
@@ -154,7 +159,7 @@ def test_append_does_not_depose_when_servers_stand_still(tmp_path: Path) -> None
     servers = NatsServers(tmp_path)
     log = JetStreamLog(*log_in(servers.address()))
     assert log.append(Kind.TERM, [b"term"], 0) == 1
-    info = log._call(log._stream_api.stream_info(log._stream))
+    info = log._line.call(log._line.api.stream_info(log._line.stream))
     assert info.cluster is not None
     others = [one for one in range(3) if info.cluster.leader != f"s{one}"]
     for one in others:

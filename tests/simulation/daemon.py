@@ -66,6 +66,7 @@ class Daemon:
         self._publish = publish  #: receives entries that the journal keeps
         self.disk = Disk(clockwork.dice)
         self.log: RunLog | None = None
+        self.stopping = ""
         self.journal: list[Entry] = []  #: published entries, each with its input
         self._safe = 0  #: the number of entries with synced inputs
         self._perhaps: list[Entry] = []  #: unpublished entries that the journal may contain
@@ -209,7 +210,7 @@ class Daemon:
     @property
     def _logs(self) -> tuple[InputLog, JournalWriter]:
         assert self.log is not None
-        assert self.log._inputs is not None
+        assert isinstance(self.log._inputs, InputLog)
         return self.log._inputs, self.log._journal
 
     def crash(self, *, power: bool = True) -> None:
