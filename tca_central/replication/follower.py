@@ -44,9 +44,17 @@ class Follower:
         write: Gets the entries of the journal, turn by turn.
         adopt: Gets each large body.
         key: The public key with which this central would listen.
+        clock: Tells the time in seconds. It never jumps.
     """
 
-    def __init__(self, log: SharedLog, write: Write, adopt: Adopt = bytes, key: str = "") -> None:
+    def __init__(
+        self,
+        log: SharedLog,
+        write: Write,
+        adopt: Adopt = bytes,
+        key: str = "",
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.central: Central | None = None  #: None: nothing is known yet
         self.last = 0  #: the last message that was read
         self.term: Term | None = None  #: the newest term
@@ -54,6 +62,7 @@ class Follower:
         self.image_events = 0  #: the number of events that led to the image
         self.silence = 0.0  #: seconds for which the log has answered, and had no new message
         self._log, self._write, self._adopt, self._key = log, write, adopt, key
+        self._clock = clock
         self._pieces = Pieces()
         self._early: list[Turn] = []  #: turns before the first image
         self.ended: Ended | None = None  #: how the run has ended
@@ -63,9 +72,9 @@ class Follower:
 
         Raises FollowedRunLost if the log has no more of this run, CentralError.
         """
-        began = time.monotonic()
+        began = self._clock()
         messages = self._log.read(self.last, seconds)
-        took = time.monotonic() - began
+        took = self._clock() - began
         self.silence = 0.0 if messages or took > seconds + STALL else self.silence + took
         for message in messages:
             if message.sequence != self.last + 1 and self.central is not None:

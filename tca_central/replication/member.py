@@ -43,10 +43,17 @@ class Member:
         folder: The folder for the journal. It may have a journal of this run or an earlier one.
         store: The store of large data, not open yet.
         key: The public key with which this central listens; "" without keys.
+        clock: Tells the time in seconds. It never jumps.
     """
 
     def __init__(
-        self, shared: SharedLog, address: str, folder: Path, store: Store, key: str = ""
+        self,
+        shared: SharedLog,
+        address: str,
+        folder: Path,
+        store: Store,
+        key: str = "",
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = folder
         self.history = ""  #: the words after the folder's name in the log
@@ -57,7 +64,8 @@ class Member:
         self._journal: JournalWriter | None = None
         self._written = 0  #: the last entry of the journal
         self._epoch = ""  #: the run of the journal
-        self._follower = Follower(shared, self._write, store.adopt, key)
+        self._clock = clock
+        self._follower = Follower(shared, self._write, store.adopt, key, clock)
         self._away = 0.0  #: seconds without a leader
         self._is_asked = False  #: whether a person wants this central to lead
 
@@ -205,7 +213,9 @@ class Member:
         follower, central = self._follower, self.central
         self.shared.give_sign(None)
         self.shared.gives_up = lambda: bool(server.stopping)
-        inputs = SharedInputs(self.shared, follower.last, self._name, central.epoch, self.path)
+        inputs = SharedInputs(
+            self.shared, follower.last, self._name, central.epoch, self.path, self._clock
+        )
         server.log = RunLog(self._journal_of(central), inputs, follower.image_events)
         if follower.term is None or follower.term.is_first:
             return

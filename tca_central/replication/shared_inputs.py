@@ -6,6 +6,7 @@ An image is appended in pieces, one a turn, so that no turn waits for a whole im
 import logging
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 from tca_central.errors import CentralError
@@ -34,15 +35,24 @@ class SharedInputs:
         member: This process, as "host:pid".
         epoch: The run.
         folder: A folder for images that are being written.
+        clock: Tells the time in seconds. It never jumps.
     """
 
     beat = BEAT
 
-    def __init__(self, log: SharedLog, last: int, member: str, epoch: str, folder: Path) -> None:
+    def __init__(
+        self,
+        log: SharedLog,
+        last: int,
+        member: str,
+        epoch: str,
+        folder: Path,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.folder = folder
         self.size = 0  #: bytes since the newest image
         self._log, self._member, self._epoch = log, member, epoch
-        self._last = last
+        self._last, self._clock = last, clock
         self._turn: list[Input | Ended] = []
         self._image: deque[bytes] = deque()  #: pieces of an image to append
         self._part = 0  #: the number of the next piece
@@ -104,7 +114,7 @@ class SharedInputs:
 
     def standbys(self) -> tuple[Standby, ...]:
         """Return the followers that live. Called once a second."""
-        now = time.monotonic()
+        now = self._clock()
         self._seconds.append((now, self._last))
         return tuple(
             Standby(sign.member, sign.address, self._seconds_behind(sign.last, now))
