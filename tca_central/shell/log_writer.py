@@ -224,6 +224,11 @@ class LogWriter:
         if self.size > self.longest:
             self._run_steps(self.open_segment)
 
+    def discard(self) -> None:
+        """Discard the records that wait to be written."""
+        self._pending.clear()
+        self._pending_bytes = 0
+
     def make_safe(self) -> None:
         """Bring everything to the disk, whatever ``sync`` says. Raises CentralError."""
         self._run_steps(self.write, self._fsync)

@@ -4,6 +4,7 @@ import math
 import os
 
 from tca_central.core import Central
+from tca_central.errors import CentralError
 from tca_central.events import Input, Standby
 from tca_central.shell.images import Images, Inputs
 from tca_central.shell.journal_writer import JournalWriter
@@ -56,7 +57,11 @@ class RunLog:
     def flush(self, central: Central) -> None:
         """End a turn: write the inputs, then the facts to which they led. Raises CentralError."""
         if self._inputs is not None:
-            self._inputs.flush()
+            try:
+                self._inputs.flush()
+            except CentralError:
+                self._journal.discard()  # these facts did not happen
+                raise
         self._journal.flush()
         if self.images is not None:
             self.images.update(central)
