@@ -1,7 +1,7 @@
 """The facts in a run's journal, compared with the facts to which its inputs lead."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
@@ -108,6 +108,7 @@ class WrittenFacts:
 
     def move_all_aside(self) -> None:
         """Move all segments to files beside them. Raises OSError."""
+        self._entries.close()
         for path in self._paths:
             path.rename(aside_path(path))
 
@@ -143,7 +144,7 @@ class WrittenFacts:
                 break
         return found[::-1] if self.opened is not None else []
 
-    def _read(self) -> Iterator[Entry]:
+    def _read(self) -> Generator[Entry, None, None]:
         """Yield the entries after ``_after``, without heads of segments, which have no cause."""
         for path in self._paths:
             with path.open("rb") as stream:
