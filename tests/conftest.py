@@ -73,7 +73,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
     class OneBrowser(LoadFileScheduling):  # type: ignore[misc]
         def _split_scope(self, nodeid: str) -> str:
-            if "::test_simulated_crashes_lose_and_repeat_no_task_in_many_lives[" in nodeid:
+            if "_lose_and_repeat_no_task_in_many_lives[" in nodeid:
                 return nodeid
             return (
                 "tests/view" if nodeid.startswith("tests/view/") else super()._split_scope(nodeid)

@@ -144,6 +144,7 @@ class ModelLog:
         self.name = name or f"client {len(model.clients)}"
         self.is_closed = False
         self.gives_up: Callable[[], bool] = lambda: False
+        self.patience = PATIENCE  #: seconds after which it gives up the engine
         self._serials = count()
         self._sign: Sign | None = None
         self._heard: tuple[float, Sign] | None = None  #: the last sign that others received
@@ -263,7 +264,7 @@ class ModelLog:
 
     def _until_answered(self, apply: Callable[[], T]) -> T:
         """Repeat a request until the engine answers. Raises LogUnreachable."""
-        until = self.model.clock() + PATIENCE
+        until = self.model.clock() + self.patience
         while True:
             try:
                 return self._link.send(apply)

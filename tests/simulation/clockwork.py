@@ -22,12 +22,12 @@ class Clockwork:
         self.now = 0.0
         self.dice = random.Random(seed)
         self.happened = 0
-        self._heap: list[tuple[float, int, Callable[..., None], tuple[Any, ...]]] = []
+        self._heap: list[tuple[float, int, Callable[..., object], tuple[Any, ...]]] = []
         self._made = 0
         self._write_trace = write_trace
         self._hash = blake2b(digest_size=8)
 
-    def after(self, seconds: float, do: Callable[..., None], *about: Any) -> None:
+    def after(self, seconds: float, do: Callable[..., object], *about: Any) -> None:
         """Schedule an event."""
         self._made += 1
         heappush(self._heap, (self.now + seconds, self._made, do, about))

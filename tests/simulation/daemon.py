@@ -251,6 +251,10 @@ class Daemon:
         ):
             raise Crash
 
+    def heal(self) -> None:
+        """Have no faults from now on."""
+        self.disk.room = None
+
     @property
     def now(self) -> float:
         """Seconds on the core's clock. This clock stood still while central was away."""
@@ -280,27 +284,40 @@ class Daemon:
             return
         self._wake_at = float("inf")
         try:
-            if self._clockwork.now >= self._synced_at + SYNC_PERIOD:
-                self._synced_at = self._clockwork.now
-                self._sync()
-            if self._clockwork.chance(self._options.full_disks):
-                self.disk.room = self._clockwork.dice.randint(0, 2000)
-            for given in self._inputs():
-                self.handle_input(given)
-            self._flush()
-            if self._clockwork.chance(self._options.snapshots):
-                self._take_image()
-            self._send()
+            self._do_turn()
         except Crash:
             self.crash()
             return
         except CentralError as error:
             self._refused(error)
             return
+        self._wake(self._rest())
+
+    def _do_turn(self) -> None:
+        """Take some packets, handle them, write the logs, send packets."""
+        if self._clockwork.now >= self._synced_at + SYNC_PERIOD:
+            self._synced_at = self._clockwork.now
+            self._sync()
+        if self._clockwork.chance(self._options.full_disks):
+            self.disk.room = self._clockwork.dice.randint(0, 2000)
+        for given in self._inputs():
+            self.handle_input(given)
+        self._flush()
+        if self._clockwork.chance(self._options.snapshots):
+            self._take_image()
+        self._send()
+
+    def _rest(self) -> float:
+        """Return the seconds until the next turn."""
+        if self._arrived or self._closed:
+            return 0.0
+        return max(0.0, min(self._next_beat, self._next_tick()) - self.now) + 0.0001
+
+    def _next_tick(self) -> float:
+        """Return the time of the next tick."""
         assert self.core is not None
         due = self.core.clock.next
-        until = min(self._next_beat, self._next_beat if due is None else due)
-        self._wake(0.0 if self._arrived or self._closed else max(0.0, until - self.now) + 0.0001)
+        return float("inf") if due is None else due
 
     def _inputs(self) -> Iterator[Input]:
         """Yield the inputs of this turn."""
@@ -319,8 +336,7 @@ class Daemon:
             closed = self._closed.popleft()
             if closed in known:
                 yield ConnectionLost(self.now, closed)
-        due = core.clock.next
-        if due is not None and due <= self.now:
+        if self._next_tick() <= self.now:
             yield Tick(self.now)
         if self.now >= self._next_beat:
             yield from self._beat(core)

@@ -23,7 +23,7 @@ HEALED_WITHIN = 300.0
 LAST_WORDS = 3.0
 """Seconds for the last packets to arrive."""
 NEVER = float("inf")
-_CHILD_OF_SEED = 0x9E3779B97F4A7C15
+CHILD_OF_SEED = 0x9E3779B97F4A7C15
 
 
 class Life:
@@ -38,11 +38,10 @@ class Life:
         self.seed = seed
         self.clockwork = Clockwork(seed, write_trace=write_trace)
         self.options = (
-            options if options is not None else drawn(Clockwork(seed ^ _CHILD_OF_SEED).dice)
+            options if options is not None else drawn(Clockwork(seed ^ CHILD_OF_SEED).dice)
         )
         self.outside = Outside(self.clockwork, is_lossy=self.options.is_lossy)
-        self.network = Network(self.clockwork, self.options)
-        self.daemon = Daemon(self.clockwork, self.network, self.options, self.outside.publish)
+        self.build_central()
         self.processes: dict[str, Process] = {}
         self.daemon.take_back = self.outside.take_back
         self.daemon.is_gone = self._is_gone
@@ -54,6 +53,11 @@ class Life:
         }
         for number in range(self.options.users):
             self.programs[f"user{number}"] = User(f"user{number}", self.options, self.outside)
+
+    def build_central(self) -> None:
+        """Make the lines and central."""
+        self.network: Any = Network(self.clockwork, self.options)
+        self.daemon: Any = Daemon(self.clockwork, self.network, self.options, self.outside.publish)
 
     def run(self) -> "Life":
         """Run the life. Raises Broken, or another error of the code under test."""
@@ -145,7 +149,7 @@ class Life:
         self.clockwork.trace("life", "no faults from now on")
         self.is_healing = True
         self.options.central_crashes = self.options.full_disks = 0.0
-        self.daemon.disk.room = None
+        self.daemon.heal()
         self.options.crash_at = 0
         self.programs["janitor"] = Janitor(self.options, self.outside, self._suspended)
         self._start("janitor")

@@ -54,6 +54,26 @@ class Options(msgspec.Struct):
     features: frozenset[str] = frozenset()
     checks_each: int = 8
     """The number of events between checks of central's invariants."""
+    members: int = 0
+    """The number of members with a replicated log (0: central has files)."""
+    log_delay: float = 0.0
+    """The longest time that a request to the log, or its answer, takes."""
+    lost_requests: float = 0.0
+    lost_answers: float = 0.0
+    deaths: float = 0.0
+    """The rate at which members die."""
+    pauses: float = 0.0
+    """The rate at which members stand still for a while."""
+    outages: float = 0.0
+    """The rate at which the log's engine does not answer for a while."""
+    log_cuts: float = 0.0
+    """The rate at which a member can't reach the engine for a while."""
+    orders: float = 0.0
+    """The rate at which a person asks a standby to lead."""
+    patience: float = 15.0
+    """Seconds after which a member gives up the engine."""
+    piece_bytes: int = 512 << 10
+    """Bytes in one message of the log at most."""
 
     @property
     def is_lossy(self) -> bool:
