@@ -62,6 +62,7 @@ class Daemon:
         options: Options,
         publish: Callable[[list[Entry]], None],
     ) -> None:
+        self.name = "central"
         self._clockwork, self._network, self._options = clockwork, network, options
         self._publish = publish  #: receives entries that the journal keeps
         self.disk = Disk(clockwork.dice)
@@ -137,7 +138,7 @@ class Daemon:
             core.clock.now + BEAT_PERIOD,
             core.clock.now + SWEEP_PERIOD,
         )
-        clockwork.trace("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
+        clockwork.trace(self.name, "starts" if is_new else f"starts, with {run.inputs} inputs")
         folder.open(self, options.sync, hold=options.hold and not is_new)
         assert self.log is not None
         self.log.images = None  # ``_take_image`` writes images instead
@@ -232,7 +233,7 @@ class Daemon:
         if is_cut:
             self.cuts += 1
             self.disk.cut_power()
-        clockwork.trace("central", "CRASHES" + " (power)" * is_cut)
+        clockwork.trace(self.name, "CRASHES" + " (power)" * is_cut)
         self.core = self.log = None
         self._arrived.clear()
         self._closed.clear()
@@ -373,7 +374,7 @@ class Daemon:
             self._logs[0].flush()
         for one in events_of(event):
             if clockwork.has_trace_reader:
-                clockwork.trace("central", f"has {_shown(one)}")
+                clockwork.trace(self.name, f"has {_shown(one)}")
             for effect in core.handle(one):
                 if isinstance(effect, Record):
                     log.add_entry(effect.entry)

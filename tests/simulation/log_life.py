@@ -19,6 +19,7 @@ def drawn_with_log(dice: random.Random) -> Options:
     options, choice = drawn(dice), dice.choice
     options.sync = Sync.ALWAYS  # the engine decides
     options.central_crashes /= 4  # there are more members, and more steps
+    options.snapshots = choice((0.0, 0.02, 0.1))
     options.members = choice((2, 2, 3))
     options.log_delay = choice((0.0, 0.001, 0.02, 0.3))
     options.lost_requests = choice((0.0, 0.0, 0.01, 0.1))
