@@ -121,8 +121,11 @@ class Member:
             after: Seconds of silence; infinite: a person must decide.
         """
         follower, self.shared.gives_up = self._follower, is_stopping
-        while not is_stopping() and self._end()[1]:
-            time.sleep(_LOOK_PERIOD)
+        while not is_stopping():
+            last, is_over = self._end()
+            if not is_over:
+                break
+            self.shared.read(last, _LOOK_PERIOD)
         while not is_stopping() and follower.ended is None:
             follower.follow(0.1)
             self.shared.give_sign(Sign(self._name, self._address, follower.last))
@@ -200,6 +203,7 @@ class Member:
             journal.end(central.event_count + 1, central.clock.now, follower.ended.why)
         else:
             journal.discard()  # entries that wait belong to inputs that the log has refused
+            journal.close()
 
     def open(
         self,

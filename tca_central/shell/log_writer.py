@@ -275,11 +275,6 @@ class LogWriter:
             os.close(self._file)
             self._file = -1
 
-    def discard(self) -> None:
-        """Close the file, if it is open, without the records that wait. Raises CentralError."""
-        self._pending.clear()
-        self.close()
-
     def write(self) -> None:
         """Pass all waiting records to the kernel. Raises OSError."""
         data = memoryview(b"".join(self._pending))

@@ -22,6 +22,7 @@ class Leader:
     def __init__(self, member: Member) -> None:
         self.member = member
         self.log: RunLog | None = None
+        self.stopping = ""
         member.open(self, Sync.BATCH)
 
     def handle_input(self, event: Input) -> None:
