@@ -281,7 +281,31 @@ SURVIVAL = Drawing(
     ],
 )
 
-DRAWINGS = (PACKAGES, TREE, INTERVALS, RESOURCES, FAILURES, MONITORS, SURVIVAL)
+REPLICATION = Drawing(
+    "replication",
+    "The leader appends inputs to the log on three servers, and standbys read them",
+    680,
+    230,
+    [
+        Box(10, 90, 110, 40, "modules", BLUE),
+        Arrow(122, 102, 188, 102, "input"),
+        Arrow(188, 122, 122, 122, "", dashed=True),
+        Box(190, 80, 130, 60, "leader\na central", GREEN),
+        Arrow(322, 110, 388, 110, "append", heavy=True),
+        Box(390, 20, 110, 180, "", AMBER, dashed=True),
+        Words(420, 38, "the log", 12),
+        Box(402, 48, 86, 36, "server 1", AMBER),
+        Box(402, 98, 86, 36, "server 2", AMBER),
+        Box(402, 148, 86, 36, "server 3", AMBER),
+        Arrow(502, 76, 558, 60, "read"),
+        Arrow(502, 144, 558, 160, "read"),
+        Box(560, 30, 110, 50, "standby\na central", GREEN, dashed=True),
+        Box(560, 140, 110, 50, "standby\na central", GREEN, dashed=True),
+        Words(10, 220, "The answer (dashed) leaves after two servers have the input.", 12),
+    ],
+)
+
+DRAWINGS = (PACKAGES, TREE, INTERVALS, RESOURCES, FAILURES, MONITORS, SURVIVAL, REPLICATION)
 
 
 def write(folder: Path) -> None:
