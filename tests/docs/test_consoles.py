@@ -31,6 +31,8 @@ NOT_PLAYED = {
     "docs/how-to/give-permissions.md: $ tca central --bind": "two computers",
     "docs/how-to/give-permissions.md: $ tca send patrol": "two computers",
     "docs/how-to/start-at-boot.md: 17 4 * * *": "a line of a crontab",
+    "docs/how-to/survive-a-machine.md: $ tca run": "a central is killed",
+    "docs/how-to/survive-a-machine.md: $ export": "three computers",
     "docs/how-to/use-another-computer.md: $ tca keys new": "two computers",
     "docs/how-to/use-another-computer.md: $ scp": "two computers",
     "docs/packages/missions.md: $ pip install": "IPython, in a terminal",
