@@ -263,7 +263,7 @@ def _install_signal_handlers(server: Daemon) -> None:
     "--journal",
     type=click.Path(path_type=Path),
     help="Folder for the journal, where tools find it; it may hold earlier runs [default: the "
-    "folder of this address's unfinished run, else a new one].",
+    "folder of this address's unfinished run, else a new one; with --log a new one].",
 )
 @click.option("--no-journal", is_flag=True, help="Keep no journal.")
 @click.option(

@@ -284,7 +284,8 @@ def connect(
             leads; or a ``LocalCentral``. Default: None, which means ``$TCA_CENTRAL`` or else the
             default socket.
         patience: the seconds to wait for central here; also the seconds of central's silence after
-            which a later wait raises CentralLost. Default: 5.
+            which a later wait raises CentralLost, and with several addresses at least 30.
+            Default: 5.
         linger: the most seconds that the end of the block waits for sent messages to arrive.
             Default: 10.
         threads: any thread may use the client. Each thread opens a connection of its own at its

@@ -296,7 +296,8 @@ class Module(LoopModule):
 
         Args:
             patience: the seconds to wait for central at the start; also the seconds of central's
-                silence after which a wait raises CentralLost. Default: 10.
+                silence after which a wait raises CentralLost, and with several addresses at least
+                30. Default: 10.
             reconnect: wait for central when central goes away later. With False, the module ends
                 with CentralLost. Default: True.
             linger: at the end, the most seconds to wait until all sent messages have arrived.

@@ -38,6 +38,10 @@ from tca_central.replication.shared_log import Deposed, Kind, Message, Sign
 
 log = logging.getLogger("tca.central")
 
+APPENDED_WITHIN = 0.3
+"""Seconds after which an append is repeated. A standby takes over after one second of silence."""
+SLOWEST = 1e6
+"""Bytes a second of a slow network, to which an append has more time."""
 SIGN_PERIOD = 0.25
 """Seconds between two signs of life."""
 _BATCH = 64
@@ -240,7 +244,8 @@ class JetStreamLog:
         return False
 
     async def _publish(self, piece: bytes, headers: dict[str, str]) -> None:
-        await self._line.api.publish(f"{self._subject}.log", piece, headers=headers)
+        within = APPENDED_WITHIN + len(piece) / SLOWEST
+        await self._line.api.publish(f"{self._subject}.log", piece, timeout=within, headers=headers)
 
     async def _message(self, sequence: int) -> "RawStreamMsg | None":
         try:

@@ -73,7 +73,8 @@ def aconnect(
             leads; or a ``LocalCentral``. Default: None, which means ``$TCA_CENTRAL`` or else the
             default socket.
         patience: the seconds to wait for central at the start; also the seconds of central's
-            silence after which a call raises CentralLost. Default: 5.
+            silence after which a call raises CentralLost, and with several addresses at least 30.
+            Default: 5.
         linger: the most seconds that the end of the block waits for sent messages to arrive.
             Default: 10.
 

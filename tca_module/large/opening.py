@@ -20,7 +20,7 @@ _FAR = (
 )
 _GONE = (
     "the data are gone from shared memory: their task has ended, the memory was full,"
-    " or the computer was restarted since they were sent"
+    " or central's computer was restarted or replaced since they were sent"
 )
 
 
@@ -41,7 +41,8 @@ def opened(store: str, body: bytes) -> bytes:
         if store:
             found.content = _memory_of(f"{store}/{handle.segment}", handle.size)
         else:
-            found.problem = _FAR.format(size=handle.size)
+            is_far = len(body) + handle.size > Limit.BODY  # else central would have sent them
+            found.problem = _FAR.format(size=handle.size) if is_far else _GONE
     except FileNotFoundError:
         found.problem = _GONE
     except OSError as error:

@@ -24,6 +24,9 @@ class CentralInProcess(Protocol):
         """Return a new connection to this central."""
 
 
+TAKEOVER = 30.0
+"""The least patience (s) of a connection to one of several centrals: another one may take over."""
+
 CentralAddress = str | CentralInProcess | None
 """A ZeroMQ address, a central in this process, or None: $TCA_CENTRAL or the default socket."""
 
@@ -52,6 +55,8 @@ def open_connection(
     connection = Connection(transport, Session(hello, attachments), patience=patience)
     try:
         connection.open(is_stopped, logs_wait=logs_wait)
+        if transport.has_others:
+            connection.wait_loop.patience = max(patience, TAKEOVER)
     except BaseException:
         connection.drop()
         raise

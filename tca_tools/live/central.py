@@ -79,14 +79,19 @@ def _stand_by(*, is_manual: bool, after: float, **options: Any) -> None:
     if not options["log_address"]:
         raise click.UsageError("--log is missing: name the servers of the leader's log")
     assert daemon.callback is not None
+    options |= _NOT_OF_STANDBYS
     daemon.callback(**options, is_standby=True, after=math.inf if is_manual else after)
+
+
+_NOT_OF_STANDBYS = {"no_journal": False, "no_inputs": False, "if_fails": "stop", "fresh": False}
+"""Options of central that make no sense for a standby, and their defaults."""
 
 
 standby = click.Command(
     "standby",
     callback=_stand_by,
     params=[
-        *daemon.params,
+        *(one for one in daemon.params if one.name not in _NOT_OF_STANDBYS),
         click.Option(
             ["--after"],
             type=click.FloatRange(min=SILENT),
