@@ -4,6 +4,7 @@ import signal
 import socket
 import subprocess
 import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
 SERVER = Path(sysconfig.get_path("scripts")) / "nats-server"
@@ -17,13 +18,25 @@ class NatsServers:
         number: The number of servers.
         store: Bytes that each one may store; 0: no JetStream.
         more: More lines of their configuration.
+        route: Returns the port for a route from one server to another, and its port.
     """
 
     def __init__(
-        self, folder: Path, number: int = 3, *, store: int = 1 << 30, more: str = ""
+        self,
+        folder: Path,
+        number: int = 3,
+        *,
+        store: int = 1 << 30,
+        more: str = "",
+        route: Callable[[int, int, int], int] = lambda _one, _other, port: port,
     ) -> None:
         self.ports = [free_port() for _ in range(number)]
-        self._routes = [free_port() for _ in range(number)]
+        listening = [free_port() for _ in range(number)]
+        self._listening = listening
+        self._routes = [
+            [route(one, other, listening[other]) for other in range(number) if other != one]
+            for one in range(number)
+        ]
         self._folder, self.store, self._more = folder, store, more
         self.processes: list[subprocess.Popen[bytes] | None] = [None] * number
         for one in range(number):
@@ -37,10 +50,11 @@ class NatsServers:
         """Start a server, or start it again."""
         folder = self._folder / f"nats{number}"
         folder.mkdir(parents=True, exist_ok=True)
-        routes = ", ".join(f'"nats://127.0.0.1:{port}"' for port in self._routes)
+        routes = ", ".join(f'"nats://127.0.0.1:{port}"' for port in self._routes[number])
+        # Servers and clients use the addresses that they were given, and learn no others.
         cluster = (
-            f'cluster {{ name: tests, listen: "127.0.0.1:{self._routes[number]}", '
-            f"routes: [{routes}] }}\n"
+            f'cluster {{ name: tests, listen: "127.0.0.1:{self._listening[number]}", '
+            f'advertise: "127.0.0.1:1", no_advertise: true, routes: [{routes}] }}\n'
             if len(self.ports) > 1
             else ""
         )

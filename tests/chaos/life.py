@@ -22,6 +22,8 @@ class Broken(Exception):
 class Life:
     """One life, with a given number of kills of central."""
 
+    module_seconds = 6.0  #: between two faults of a module, on average
+
     def __init__(
         self, folder: Path, seed: int, kills: int, *, users: int = 2, events_between: int = 500
     ) -> None:
@@ -80,7 +82,7 @@ class Life:
 
     def _start_module(self, name: str) -> None:
         self._modules[name] = self._start("module", "serve", name)
-        self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
+        self._doom[name] = time.monotonic() + self.random.expovariate(1 / self.module_seconds)
 
     def _start_user(self, name: str) -> None:
         self._users[name] = self._start("user", "use", name, self.random.getrandbits(32))
@@ -129,21 +131,24 @@ class Life:
         until = time.monotonic() + seconds
         while True:
             now = time.monotonic()
-            for due, process in [one for one in self._resume if one[0] <= now]:
-                self._resume.remove((due, process))
-                process.send_signal(signal.SIGCONT)
-                self._log(f"process {process.pid} continues")
-            for name in [name for name, due in self._doom.items() if due <= now]:
-                self._meets_fate(name)
+            self._do_due(now)
             if now >= until:
                 return
             time.sleep(min(0.01, until - now))
+
+    def _do_due(self, now: float) -> None:
+        for due, process in [one for one in self._resume if one[0] <= now]:
+            self._resume.remove((due, process))
+            process.send_signal(signal.SIGCONT)
+            self._log(f"process {process.pid} continues")
+        for name in [name for name, due in self._doom.items() if due <= now]:
+            self._meets_fate(name)
 
     def _meets_fate(self, name: str) -> None:
         process = self._modules[name]
         if (status := process.poll()) is not None:
             raise Broken(f"{name} has ended with {status}; see {self.folder / 'module.log'}")
-        self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
+        self._doom[name] = time.monotonic() + self.random.expovariate(1 / self.module_seconds)
         if self.random.random() < 0.4:
             process.send_signal(signal.SIGSTOP)
             self._resume.append((time.monotonic() + self.random.choice([0.2, 1.0, 7.0]), process))
@@ -197,6 +202,9 @@ class Life:
             process.terminate()
             if status := process.wait():
                 raise Broken(f"{name} ended with {status}; see {self.folder / 'module.log'}")
+        self._end_central()
+
+    def _end_central(self) -> None:
         self._central.terminate()
         if status := self._central.wait():
             raise Broken(f"central ended with {status}")

@@ -36,6 +36,8 @@ from tca_module import (
     Variable,
     connect,
 )
+from tca_tools.live.central import central as with_stop
+from tca_tools.live.central import standby
 
 STEP, GRIP = Command("step", str, result=str), Command("grip", str, result=str)
 WALK = Goal("walk", int)
@@ -195,6 +197,12 @@ def be_central(events_between: int, folder: Path) -> None:
     """Run ``tca central`` with frequent images of its state."""
     images.EVENTS_BETWEEN = events_between
     central(["--journal", str(folder / "journal")], prog_name="tca central")
+
+
+def be_member(command: str, events_between: int, options: list[str], _folder: Path) -> None:
+    """Run ``tca central`` or ``tca standby`` with frequent images of its state."""
+    images.EVENTS_BETWEEN = events_between
+    {"central": with_stop, "standby": standby}[command](options, prog_name=f"tca {command}")
 
 
 def serve(name: str, folder: Path) -> None:

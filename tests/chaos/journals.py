@@ -1,0 +1,82 @@
+"""Compares the journals of several centrals of one run, and merges them."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+from tca_central.shell.journal_writer import JournalWriter
+from tca_central.shell.log_writer import Sync
+from tca_tools.journal.segments import segments_in
+from tca_wire.journal.facts import CentralFailed, Closed, Entry, Opened
+from tca_wire.journal.records import JournalReader
+
+_OWN = Opened, Closed, CentralFailed  # a central's own facts, which lead to no state
+
+
+class Merged:
+    """The entries of one run, from the folders of all centrals that have led or followed it."""
+
+    def __init__(self, folders: list[Path]) -> None:
+        self.wrong: list[str] = []
+        self.entries: dict[int, list[Entry]] = {}
+        self.writers = dict[int, Path]()  #: by number of an entry: the first one that has it
+        self.epochs = set[str]()
+        self.compared = 0
+        self._segments: list[tuple[Path, set[int]]] = []
+        for folder in folders:
+            for segment in segments_in(folder) if folder.is_dir() else []:
+                self._add(segment)
+        if len(self.epochs) > 1:
+            self.wrong.append(f"there are several runs: {sorted(self.epochs)}")
+        for segment, numbers in self._segments:
+            span = range(min(numbers), max(numbers))
+            missing = [one for one in span if one in self.entries and one not in numbers]
+            if missing:
+                self.wrong.append(f"{segment} has not the entries {missing[:10]} of the others")
+
+    def _add(self, segment: Path) -> None:
+        found = defaultdict[int, list[Entry]](list)
+        for entry in self._read(segment):
+            found[entry.number].append(entry)
+        if found:
+            self._segments.append((segment, set(found)))
+        last = max(found, default=0)
+        for number, entries in found.items():
+            known = self.entries.setdefault(number, entries)
+            writer = self.writers.setdefault(number, segment)
+            if known is entries:
+                continue
+            self.compared += 1
+            shorter = min(len(known), len(entries)) if number == last else None
+            if known[:shorter] != entries[:shorter]:
+                self.wrong.append(
+                    f"entry {number} is {known} in {writer}, but {entries} in {segment}"
+                )
+            if len(entries) > len(known):
+                self.entries[number] = entries
+
+    def _read(self, segment: Path) -> Iterator[Entry]:
+        with segment.open("rb") as stream:
+            reader = JournalReader(stream, str(segment))
+            for entry in reader:
+                if any(isinstance(fact, Opened) for fact in entry.facts):
+                    self.epochs.update(
+                        fact.epoch for fact in entry.facts if isinstance(fact, Opened)
+                    )
+                facts = [fact for fact in entry.facts if not isinstance(fact, _OWN)]
+                if facts or not entry.facts:
+                    yield Entry(entry.number, entry.time, facts, entry.cause)
+            if reader.holes:
+                self.wrong.append(f"{segment} is damaged")
+
+    def write(self, folder: Path) -> None:
+        """Write one journal of all entries."""
+        folder.mkdir()
+        writer = JournalWriter(folder, epoch=next(iter(self.epochs), ""), sync=Sync.NONE)
+        last = Entry(0, 0.0, [])
+        for number in sorted(self.entries):
+            for last in self.entries[number]:
+                writer.add(last)
+            if not number % 1000:
+                writer.flush()
+        writer.end(last.number + 1, last.time, "merged")

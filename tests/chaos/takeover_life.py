@@ -1,0 +1,278 @@
+"""The life of a robot whose central is one of three with a replicated log, and moves all the time.
+
+Centrals and the servers of the log are killed and stopped, and the lines between them are cut or
+hold what is sent.
+"""
+
+import re
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from chaos.life import HEALED, Broken, Life
+from chaos.lines import Line, Lines
+from nats_servers import NatsServers
+from processes import Process
+
+NAMES = "a", "b", "c"
+LEADS = re.compile(rb"(leads now)|(listening on)|(follows the log)|(start this program again)")
+FAULTS = {
+    "kill leader": 6,
+    "stop leader": 3,
+    "cut leader": 3,
+    "hold leader": 4,
+    "cut one line": 1,
+    "hold one line": 1,
+    "kill standby": 2,
+    "stop standby": 1,
+    "cut standby": 1,
+    "hold standby": 1,
+    "kill server": 2,
+    "stop server": 2,
+    "cut server": 1,
+    "hold server": 1,
+}
+"""The kinds of faults, and how frequent they are."""
+
+
+class Member:
+    """One of the centrals."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self.name, self.address = name, f"ipc://{folder}/{name}.sock"
+        self.log = folder / f"central-{name}.log"
+        self.log.touch()
+        self.lines: list[Line] = []  #: to the servers of the log
+        self.starts = 0
+        self.read = 0  #: bytes of the log that were read
+        self.process: Process | None = None
+        self.is_faulty = False  #: whether it is stopped, or its lines are broken
+        self.is_behind = False  #: whether it has said that it must be started again
+        self.listens = False
+
+
+class TakeoverLife(Life):
+    """One life, with a given number of takeovers."""
+
+    module_seconds = 20.0
+
+    def __init__(
+        self,
+        folder: Path,
+        seed: int,
+        takeovers: int,
+        *,
+        users: int = 2,
+        events_between: int = 500,
+        faults: dict[str, int] | None = None,
+    ) -> None:
+        super().__init__(folder, seed, takeovers, users=users, events_between=events_between)
+        self._faults = faults or FAULTS
+        self.lines = Lines()
+        self._routes: list[tuple[int, int, Line]] = []
+        self.servers = NatsServers(folder, route=self._route)
+        self.members = [Member(name, folder) for name in NAMES]
+        for one in self.members:
+            one.lines = [
+                self.lines.add(f"{one.name}{number}", port)
+                for number, port in enumerate(self.servers.ports)
+            ]
+        self.address = ",".join(one.address for one in self.members)
+        self.leader = self.members[0]
+        self._faulty_servers = set[int]()
+        self._repairs: list[tuple[float, Callable[[], None]]] = []
+
+    def _route(self, one: int, other: int, port: int) -> int:
+        line = self.lines.add(f"route{one}{other}", port)
+        self._routes.append((one, other, line))
+        return line.port
+
+    def run(self) -> None:
+        """Run the life: faults, heal, end. Raise Broken if something fails that must not."""
+        try:
+            self._begin()
+            while self.counts["takeovers"] < self.kills:
+                self._meet_fault()
+            self._heal()
+        finally:
+            for process in self._processes:
+                process.close()
+            self.servers.close()
+            self.lines.close()
+
+    @property
+    def journals(self) -> list[Path]:
+        """The folders of the journals of all centrals."""
+        return sorted(self.folder.glob("journal-*"))
+
+    # --- centrals ---------------------------------------------------------------------------------
+
+    def _start_central(self) -> None:
+        self._start_member(self.leader, "central")
+        self._await_leader()
+        for one in self.members[1:]:
+            self._start_member(one, "standby")
+
+    def _start_member(self, member: Member, command: str = "standby") -> None:
+        member.starts += 1
+        journal = self.folder / f"journal-{member.name}{member.starts}"
+        servers = ",".join(f"127.0.0.1:{line.port}" for line in member.lines)
+        options = ["--log", f"nats://{servers}/robot", "--bind", member.address]
+        options += ["--journal", str(journal)]
+        member.process = self._start(
+            f"central-{member.name}", "be_member", command, self._events_between, options
+        )
+        member.listens = member.is_behind = False
+
+    def _read_logs(self) -> None:
+        """Note who leads. Raise Broken if a central has ended that must not."""
+        for one in self.members:
+            with one.log.open("rb") as log:
+                log.seek(one.read)
+                text = log.read()
+            text = text[: text.rfind(b"\n") + 1]
+            one.read += len(text)
+            for found in LEADS.finditer(text):
+                leads, listens, follows, is_behind = found.groups()
+                if leads:
+                    self.leader = one
+                    self.counts["takeovers"] += 1
+                    self._log(f"central {one.name} leads, takeover {self.counts['takeovers']}")
+                if listens or follows:
+                    one.listens = bool(listens)
+                if is_behind:
+                    one.is_behind = True
+            self._check_member(one)
+
+    def _check_member(self, one: Member) -> None:
+        if one.process is None or (status := one.process.poll()) is None:
+            return
+        if not one.is_behind:
+            raise Broken(f"central {one.name} has ended with {status}; see {one.log}")
+        self.counts["centrals left behind"] += 1
+        self._log(f"central {one.name} was left behind")
+        self._start_member(one)
+
+    def _check_central(self) -> None:
+        self._read_logs()
+
+    def _await_leader(self) -> None:
+        """Let time pass until a central leads and works."""
+        until = time.monotonic() + HEALED
+        while not self.leader.listens or self.leader.is_faulty or self.leader.process is None:
+            if time.monotonic() > until:
+                raise Broken("no central leads")
+            self._pass(0.01)
+
+    # --- faults -----------------------------------------------------------------------------------
+
+    def _meet_fault(self) -> None:
+        if self.random.random() < 0.9:
+            self._await_leader()
+            self._pass(2 * self.random.random() ** 2)
+        else:
+            self._pass(self.random.random())
+        self.fault(self.random.choices(list(self._faults), list(self._faults.values()))[0])
+
+    def fault(self, kind: str) -> None:
+        """Let something fail, and be repaired later."""
+        how, _, what = kind.partition(" ")
+        seconds = self.random.choice([0.3, 1.5, 3.0, 5.0]) * (0.5 + self.random.random())
+        if what == "server":
+            self._server_fails(how, seconds)
+            return
+        others = [one for one in self.members if one is not self.leader]
+        member = self.random.choice(others) if what == "standby" else self.leader
+        if member.is_faulty or member.process is None:
+            return
+        self.counts[kind] += 1
+        if how == "kill":
+            self._log(f"central {member.name} killed")
+            member.process.close()
+            member.process = None
+            self._repair_after(
+                self.random.random() * 2, f"start {member.name}", lambda: self._start_member(member)
+            )
+            return
+        if what == "one line":
+            self._break([self.random.choice(member.lines)], how, seconds)
+            return
+        member.is_faulty = True
+        if how == "stop":
+            member.process.send_signal(signal.SIGSTOP)
+            self._log(f"central {member.name} stopped")
+        else:
+            self._break(member.lines, how, seconds)
+        self._repair_after(seconds, f"{member.name} is well", lambda: self._is_well(member))
+
+    def _is_well(self, member: Member) -> None:
+        member.is_faulty = False
+        if member.process is not None:
+            member.process.send_signal(signal.SIGCONT)
+
+    def _break(self, lines: list[Line], how: str, seconds: float) -> None:
+        there, back = self.random.choice([(True, True), (True, False), (False, True)])
+        drops = self.random.random() < 0.5
+        names = " ".join(line.name for line in lines)
+        self._log(
+            f"{how} {names}" + (f", there {there}, back {back}" if how == "hold" else "")
+        )
+        for line in lines:
+            line.cut() if how == "cut" else line.hold(there=there, back=back)
+        self._repair_after(
+            seconds, f"mend {names}", lambda: [line.mend(drops=drops) for line in lines]
+        )
+
+    def _server_fails(self, how: str, seconds: float) -> None:
+        number = self.random.randrange(3)
+        if number in self._faulty_servers:
+            return
+        if self._faulty_servers:  # the log has no majority
+            seconds = min(seconds, 1.5)
+        self.counts[f"{how} server"] += 1
+        self._faulty_servers.add(number)
+        if how in ("cut", "hold"):
+            self._break([line for *ends, line in self._routes if number in ends], how, seconds)
+        else:
+            {"kill": self.servers.kill, "stop": self.servers.stop}[how](number)
+            self._log(f"server {number}: {how}")
+
+        def repair() -> None:
+            self._faulty_servers.discard(number)
+            if how == "kill":
+                self.servers.start(number)
+            else:
+                self.servers.resume(number)
+
+        self._repair_after(seconds, f"server {number} is well", repair)
+
+    def _repair_after(self, seconds: float, what: str, repair: Callable[[], object]) -> None:
+        def repair_and_log() -> None:
+            self._log(what)
+            repair()
+
+        self._repairs.append((time.monotonic() + seconds, repair_and_log))
+
+    def _do_due(self, now: float) -> None:
+        super()._do_due(now)
+        for due, repair in [one for one in self._repairs if one[0] <= now]:
+            self._repairs.remove((due, repair))
+            repair()
+        self._read_logs()
+
+    # --- the end ----------------------------------------------------------------------------------
+
+    def _heal(self) -> None:
+        while self._repairs:
+            self._pass(0.05)
+        self._await_leader()
+        super()._heal()
+
+    def _end_central(self) -> None:
+        """End the leader and so the run; the standbys end with it."""
+        assert self.leader.process is not None
+        self.leader.process.terminate()
+        for one in self.members:
+            if one.process is not None and (status := one.process.wait()):
+                raise Broken(f"central {one.name} ended with {status}")
