@@ -65,7 +65,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     much as ten tests.
 
     The long simulated lives are half of the soak, and in one file. They are spread over all
-    workers.
+    workers, and so are the lives with takeovers.
     """
     if config.getoption("dist") != "loadfile":
         return None

@@ -7,7 +7,7 @@ from pathlib import Path
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync
 from tca_tools.journal.segments import segments_in
-from tca_wire.journal.facts import CentralFailed, Closed, Entry, Opened
+from tca_wire.journal.facts import CentralFailed, Closed, Entry, Fact, Opened
 from tca_wire.journal.records import JournalReader
 
 _OWN = Opened, Closed, CentralFailed  # a central's own facts, which lead to no state
@@ -63,7 +63,7 @@ class Merged:
                     self.epochs.update(
                         fact.epoch for fact in entry.facts if isinstance(fact, Opened)
                     )
-                facts = [fact for fact in entry.facts if not isinstance(fact, _OWN)]
+                facts: list[Fact] = [fact for fact in entry.facts if not isinstance(fact, _OWN)]
                 if facts or not entry.facts:
                     yield Entry(entry.number, entry.time, facts, entry.cause)
             if reader.holes:

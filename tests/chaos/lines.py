@@ -93,6 +93,13 @@ class Line:
         )
         self.port = self._server.sockets[0].getsockname()[1]
 
+    def close(self) -> None:
+        """Listen no more, and close all connections. Only in the lines' thread."""
+        self._is_cut = True
+        self._server.close()
+        for end in list(self.ends):
+            self._abort(end)
+
     async def _set(
         self,
         *,
@@ -152,6 +159,7 @@ class Lines:
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
         self._tasks = set[asyncio.Task[None]]()
+        self._all: list[Line] = []
         self._thread = threading.Thread(target=self._loop.run_forever, name="lines", daemon=True)
         self._thread.start()
 
@@ -159,6 +167,7 @@ class Lines:
         """Return a new line to a port."""
         line = Line(self, name, target)
         self.call(line.open())
+        self._all.append(line)
         return line
 
     def call(self, work: Coroutine[Any, Any, T]) -> T:
@@ -173,5 +182,13 @@ class Lines:
 
     def close(self) -> None:
         """Close all lines."""
+        self.call(self._close())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
+        self._loop.close()
+
+    async def _close(self) -> None:
+        for line in self._all:
+            line.close()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.sleep(0)  # connections close in the loop's next round

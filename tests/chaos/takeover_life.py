@@ -143,7 +143,6 @@ class TakeoverLife(Life):
                     one.listens = bool(listens)
                 if is_behind:
                     one.is_behind = True
-            self._check_member(one)
 
     def _check_member(self, one: Member) -> None:
         if one.process is None or (status := one.process.poll()) is None:
@@ -156,6 +155,8 @@ class TakeoverLife(Life):
 
     def _check_central(self) -> None:
         self._read_logs()
+        for one in self.members:
+            self._check_member(one)
 
     def _await_leader(self) -> None:
         """Let time pass until a central leads and works."""
@@ -173,14 +174,15 @@ class TakeoverLife(Life):
             self._pass(2 * self.random.random() ** 2)
         else:
             self._pass(self.random.random())
-        self.fault(self.random.choices(list(self._faults), list(self._faults.values()))[0])
-
-    def fault(self, kind: str) -> None:
-        """Let something fail, and be repaired later."""
-        how, _, what = kind.partition(" ")
+        kind = self.random.choices(list(self._faults), list(self._faults.values()))[0]
         seconds = self.random.choice([0.3, 1.5, 3.0, 5.0]) * (0.5 + self.random.random())
+        self.fault(kind, seconds / 2 if kind.startswith("kill") else seconds)
+
+    def fault(self, kind: str, seconds: float) -> None:
+        """Let something fail, and be repaired after some seconds."""
+        how, _, what = kind.partition(" ")
         if what == "server":
-            self._server_fails(how, seconds)
+            self._server_fails(how, seconds, self.random.randrange(3))
             return
         others = [one for one in self.members if one is not self.leader]
         member = self.random.choice(others) if what == "standby" else self.leader
@@ -191,9 +193,7 @@ class TakeoverLife(Life):
             self._log(f"central {member.name} killed")
             member.process.close()
             member.process = None
-            self._repair_after(
-                self.random.random() * 2, f"start {member.name}", lambda: self._start_member(member)
-            )
+            self._repair_after(seconds, f"start {member.name}", lambda: self._start_member(member))
             return
         if what == "one line":
             self._break([self.random.choice(member.lines)], how, seconds)
@@ -215,17 +215,17 @@ class TakeoverLife(Life):
         there, back = self.random.choice([(True, True), (True, False), (False, True)])
         drops = self.random.random() < 0.5
         names = " ".join(line.name for line in lines)
-        self._log(
-            f"{how} {names}" + (f", there {there}, back {back}" if how == "hold" else "")
-        )
+        self._log(f"{how} {names}" + (f", there {there}, back {back}" if how == "hold" else ""))
         for line in lines:
             line.cut() if how == "cut" else line.hold(there=there, back=back)
-        self._repair_after(
-            seconds, f"mend {names}", lambda: [line.mend(drops=drops) for line in lines]
-        )
 
-    def _server_fails(self, how: str, seconds: float) -> None:
-        number = self.random.randrange(3)
+        def mend() -> None:
+            for line in lines:
+                line.mend(drops=drops)
+
+        self._repair_after(seconds, f"mend {names}", mend)
+
+    def _server_fails(self, how: str, seconds: float, number: int) -> None:
         if number in self._faulty_servers:
             return
         if self._faulty_servers:  # the log has no majority
@@ -259,7 +259,7 @@ class TakeoverLife(Life):
         for due, repair in [one for one in self._repairs if one[0] <= now]:
             self._repairs.remove((due, repair))
             repair()
-        self._read_logs()
+        self._check_central()
 
     # --- the end ----------------------------------------------------------------------------------
 
@@ -273,6 +273,8 @@ class TakeoverLife(Life):
         """End the leader and so the run; the standbys end with it."""
         assert self.leader.process is not None
         self.leader.process.terminate()
-        for one in self.members:
-            if one.process is not None and (status := one.process.wait()):
+        statuses = {one: one.process.wait() for one in self.members if one.process is not None}
+        self._read_logs()
+        for one, status in statuses.items():
+            if status and not one.is_behind:
                 raise Broken(f"central {one.name} ended with {status}")

@@ -14,14 +14,16 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 
-def live(folder: Path, seed: int, takeovers: int) -> tuple[Counter[str], list[str]]:
+def live(
+    folder: Path, seed: int, takeovers: int, *, faults: dict[str, int] | None = None
+) -> tuple[Counter[str], list[str]]:
     """Live and judge. Return the counts, and the contradictions."""
     from chaos.checker import Judge
     from chaos.journals import Merged
     from chaos.life import Broken
     from chaos.takeover_life import TakeoverLife
 
-    wrong, life = list[str](), TakeoverLife(folder, seed, takeovers)
+    wrong, life = list[str](), TakeoverLife(folder, seed, takeovers, faults=faults)
     try:
         life.run()
     except Broken as error:
