@@ -2,10 +2,14 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
 
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync
+from tca_tools.errors import ToolError
+from tca_tools.journal.journals import open_log
 from tca_tools.journal.segments import segments_in
 from tca_wire.journal.facts import CentralFailed, Closed, Entry, Fact, Opened
 from tca_wire.journal.records import JournalReader
@@ -24,7 +28,8 @@ class Merged:
         self.compared = 0
         self._segments: list[tuple[Path, set[int]]] = []
         for folder in folders:
-            for segment in segments_in(folder) if folder.is_dir() else []:
+            self._check_folder(folder)
+            for segment in segments_in(folder):
                 self._add(segment)
         if len(self.epochs) > 1:
             self.wrong.append(f"there are several runs: {sorted(self.epochs)}")
@@ -33,6 +38,22 @@ class Merged:
             missing = [one for one in span if one in self.entries and one not in numbers]
             if missing:
                 self.wrong.append(f"{segment} has not the entries {missing[:10]} of the others")
+
+    def _check_folder(self, folder: Path) -> None:
+        """Check that users can read this folder's journal."""
+        last = 0
+        with redirect_stderr(StringIO()) as said:
+            try:
+                log = open_log(folder)
+                for entry in log:
+                    if entry.number < last:
+                        self.wrong.append(f"{folder}: entry {entry.number} follows entry {last}")
+                    last = entry.number
+                log.check(of_missing=False)
+            except ToolError as error:
+                self.wrong.append(str(error))
+        if "only the entries before it" in said.getvalue():
+            self.wrong.append(f"{folder}: {said.getvalue()}")
 
     def _add(self, segment: Path) -> None:
         found = defaultdict[int, list[Entry]](list)

@@ -16,7 +16,9 @@ from nats_servers import NatsServers
 from processes import Process
 
 NAMES = "a", "b", "c"
-LEADS = re.compile(rb"(leads now)|(listening on)|(follows the log)|(start this program again)")
+LEADS = re.compile(
+    rb"(leads now)|(listening on)|(follows the log\n)|(another central leads)|(removed)"
+)
 FAULTS = {
     "kill leader": 6,
     "stop leader": 3,
@@ -44,11 +46,10 @@ class Member:
         self.log = folder / f"central-{name}.log"
         self.log.touch()
         self.lines: list[Line] = []  #: to the servers of the log
-        self.starts = 0
+        self.computers = 0  #: that it has run on before
         self.read = 0  #: bytes of the log that were read
         self.process: Process | None = None
         self.is_faulty = False  #: whether it is stopped, or its lines are broken
-        self.is_behind = False  #: whether it has said that it must be started again
         self.listens = False
 
 
@@ -104,7 +105,7 @@ class TakeoverLife(Life):
     @property
     def journals(self) -> list[Path]:
         """The folders of the journals of all centrals."""
-        return sorted(self.folder.glob("journal-*"))
+        return sorted(path.parent for path in self.folder.glob("journal-*/00000001.tcaj"))
 
     # --- centrals ---------------------------------------------------------------------------------
 
@@ -115,15 +116,16 @@ class TakeoverLife(Life):
             self._start_member(one, "standby")
 
     def _start_member(self, member: Member, command: str = "standby") -> None:
-        member.starts += 1
-        journal = self.folder / f"journal-{member.name}{member.starts}"
+        if self.random.random() < 0.2:  # a new computer takes its place
+            member.computers += 1
+        journal = self.folder / f"journal-{member.name}{member.computers}"
         servers = ",".join(f"127.0.0.1:{line.port}" for line in member.lines)
         options = ["--log", f"nats://{servers}/robot", "--bind", member.address]
         options += ["--journal", str(journal)]
         member.process = self._start(
             f"central-{member.name}", "be_member", command, self._events_between, options
         )
-        member.listens = member.is_behind = False
+        member.listens = False
 
     def _read_logs(self) -> None:
         """Note who leads. Raise Broken if a central has ended that must not."""
@@ -134,29 +136,21 @@ class TakeoverLife(Life):
             text = text[: text.rfind(b"\n") + 1]
             one.read += len(text)
             for found in LEADS.finditer(text):
-                leads, listens, follows, is_behind = found.groups()
+                leads, listens, follows, is_deposed, is_behind = found.groups()
                 if leads:
                     self.leader = one
                     self.counts["takeovers"] += 1
                     self._log(f"central {one.name} leads, takeover {self.counts['takeovers']}")
                 if listens or follows:
                     one.listens = bool(listens)
-                if is_behind:
-                    one.is_behind = True
-
-    def _check_member(self, one: Member) -> None:
-        if one.process is None or (status := one.process.poll()) is None:
-            return
-        if not one.is_behind:
-            raise Broken(f"central {one.name} has ended with {status}; see {one.log}")
-        self.counts["centrals left behind"] += 1
-        self._log(f"central {one.name} was left behind")
-        self._start_member(one)
+                self.counts["centrals deposed"] += bool(is_deposed)
+                self.counts["centrals left behind"] += bool(is_behind)
 
     def _check_central(self) -> None:
         self._read_logs()
         for one in self.members:
-            self._check_member(one)
+            if one.process is not None and (status := one.process.poll()) is not None:
+                raise Broken(f"central {one.name} has ended with {status}; see {one.log}")
 
     def _await_leader(self) -> None:
         """Let time pass until a central leads and works."""
@@ -273,8 +267,6 @@ class TakeoverLife(Life):
         """End the leader and so the run; the standbys end with it."""
         assert self.leader.process is not None
         self.leader.process.terminate()
-        statuses = {one: one.process.wait() for one in self.members if one.process is not None}
-        self._read_logs()
-        for one, status in statuses.items():
-            if status and not one.is_behind:
-                raise Broken(f"central {one.name} ended with {status}")
+        for one in self.members:
+            if one.process is not None and (status := one.process.wait()):
+                raise Broken(f"central {one.name} ended with {status}; see {one.log}")
