@@ -116,9 +116,18 @@ def move_aside(path: Path, begin: int, *later: Path) -> None:
         if rest := stream.read():
             append(aside_path(path), rest)
     for file in later:
-        file.rename(aside_path(file))
+        move_file_aside(file)
     sync_path(path.parent)
     cut(path, begin)
+
+
+def move_file_aside(path: Path) -> None:
+    """Move a whole file to one beside it, after what was moved there before. Raises OSError."""
+    if (aside := aside_path(path)).exists():
+        append(aside, path.read_bytes())
+        path.unlink()
+    else:
+        path.rename(aside)
 
 
 def aside_path(path: Path) -> Path:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from tca_central.errors import CentralError
 from tca_central.shell.log_writer import (
-    aside_path,
     cut,
     files_of,
     has_no_record,
     move_aside,
+    move_file_aside,
     sync_path,
 )
 from tca_wire.errors import JournalDamaged
@@ -110,7 +110,7 @@ class WrittenFacts:
         """Move all segments to files beside them. Raises OSError."""
         self._entries.close()
         for path in self._paths:
-            path.rename(aside_path(path))
+            move_file_aside(path)
 
     def cut_journal(self) -> None:
         """Cut a partial record at the end, because another segment follows. Raises OSError."""

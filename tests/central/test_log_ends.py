@@ -17,7 +17,7 @@ from tca_central.errors import CentralError, DiskFull
 from tca_central.events import Arrived, ConnectionId
 from tca_central.shell import images, input_log
 from tca_central.shell.input_log import InputSegment
-from tca_central.shell.log_writer import Sync
+from tca_central.shell.log_writer import Sync, move_file_aside
 from tca_central.shell.run_folder import RunFolder
 from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
@@ -218,3 +218,12 @@ def test_only_full_disk_errors_raise_disk_full(
     with pytest.raises(CentralError) as raised:
         Daemon(tmp_path)
     assert isinstance(raised.value, DiskFull) is (number != errno.EIO)
+
+
+def test_file_moved_aside_again_overwrites_nothing(tmp_path: Path) -> None:
+    segment, aside = tmp_path / "00000001.tcaj", tmp_path / "00000001.tcaj-aside"
+    for data in (b"first", b"second"):
+        segment.write_bytes(data)
+        move_file_aside(segment)
+    assert aside.read_bytes() == b"firstsecond"
+    assert not segment.exists()
