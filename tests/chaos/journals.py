@@ -29,8 +29,9 @@ class Merged:
         self._segments: list[tuple[Path, set[int]]] = []
         for folder in folders:
             self._check_folder(folder)
-            for segment in segments_in(folder):
-                self._add(segment)
+            for path in [*segments_in(folder), *folder.glob("*.tcaj-aside")]:
+                for found in self._pieces(path):
+                    self._add(path, found)
         if len(self.epochs) > 1:
             self.wrong.append(f"there are several runs: {sorted(self.epochs)}")
         for segment, numbers in self._segments:
@@ -55,40 +56,39 @@ class Merged:
         if "only the entries before it" in said.getvalue():
             self.wrong.append(f"{folder}: {said.getvalue()}")
 
-    def _add(self, segment: Path) -> None:
-        found = defaultdict[int, list[Entry]](list)
-        for entry in self._read(segment):
-            found[entry.number].append(entry)
-        if found:
-            self._segments.append((segment, set(found)))
-        last = max(found, default=0)
+    def _add(self, path: Path, found: dict[int, list[Entry]]) -> None:
+        self._segments.append((path, set(found)))
+        last = max(found)
         for number, entries in found.items():
             known = self.entries.setdefault(number, entries)
-            writer = self.writers.setdefault(number, segment)
+            writer = self.writers.setdefault(number, path)
             if known is entries:
                 continue
             self.compared += 1
             shorter = min(len(known), len(entries)) if number == last else None
             if known[:shorter] != entries[:shorter]:
-                self.wrong.append(
-                    f"entry {number} is {known} in {writer}, but {entries} in {segment}"
-                )
+                self.wrong.append(f"entry {number} is {known} in {writer}, but {entries} in {path}")
             if len(entries) > len(known):
                 self.entries[number] = entries
 
-    def _read(self, segment: Path) -> Iterator[Entry]:
-        with segment.open("rb") as stream:
-            reader = JournalReader(stream, str(segment))
+    def _pieces(self, path: Path) -> Iterator[dict[int, list[Entry]]]:
+        """Yield the entries of each segment in a file, by number."""
+        found = defaultdict[int, list[Entry]](list)
+        with path.open("rb") as stream:
+            reader = JournalReader(stream, str(path))
             for entry in reader:
-                if any(isinstance(fact, Opened) for fact in entry.facts):
-                    self.epochs.update(
-                        fact.epoch for fact in entry.facts if isinstance(fact, Opened)
-                    )
+                opened = [fact.epoch for fact in entry.facts if isinstance(fact, Opened)]
+                self.epochs.update(opened)
+                if opened and found:
+                    yield found
+                    found = defaultdict(list)
                 facts: list[Fact] = [fact for fact in entry.facts if not isinstance(fact, _OWN)]
                 if facts or not entry.facts:
-                    yield Entry(entry.number, entry.time, facts, entry.cause)
+                    found[entry.number].append(Entry(entry.number, entry.time, facts, entry.cause))
             if reader.holes:
-                self.wrong.append(f"{segment} is damaged")
+                self.wrong.append(f"{path} is damaged")
+        if found:
+            yield found
 
     def write(self, folder: Path) -> None:
         """Write one journal of all entries."""

@@ -17,7 +17,7 @@ from processes import Process
 
 NAMES = "a", "b", "c"
 LEADS = re.compile(
-    rb"(leads now)|(listening on)|(follows the log\n)|(another central leads)|(removed)"
+    rb"(leads now)|(listening on)|(follows the log;)|(another central leads)|(removed)"
 )
 FAULTS = {
     "kill leader": 6,
