@@ -12,7 +12,7 @@ from pathlib import Path
 
 from chaos.life import HEALED, Broken, Life
 from chaos.lines import Line, Lines
-from nats_servers import NatsServers
+from nats_servers import NatsServers, free_port
 from processes import Process
 
 NAMES = "a", "b", "c"
@@ -42,7 +42,9 @@ class Member:
     """One of the centrals."""
 
     def __init__(self, name: str, folder: Path) -> None:
-        self.name, self.address = name, f"ipc://{folder}/{name}.sock"
+        self.name = name
+        self.bind = self.address = f"ipc://{folder}/{name}.sock"
+        self.front: Line | None = None  #: between this central and all programs, over TCP
         self.log = folder / f"central-{name}.log"
         self.log.touch()
         self.lines: list[Line] = []  #: to the servers of the log
@@ -54,7 +56,10 @@ class Member:
 
 
 class TakeoverLife(Life):
-    """One life, with a given number of takeovers."""
+    """One life, with a given number of takeovers.
+
+    In every other life centrals listen at TCP ports, so that the lines to programs fail, too.
+    """
 
     module_seconds = 20.0
 
@@ -79,6 +84,11 @@ class TakeoverLife(Life):
                 self.lines.add(f"{one.name}{number}", port)
                 for number, port in enumerate(self.servers.ports)
             ]
+            if seed % 2:
+                port = free_port()
+                one.front = self.lines.add(f"{one.name}-programs", port)
+                one.bind = f"tcp://127.0.0.1:{port}"
+                one.address = f"tcp://127.0.0.1:{one.front.port}"
         self.address = ",".join(one.address for one in self.members)
         self.leader = self.members[0]
         self._faulty_servers = set[int]()
@@ -120,8 +130,8 @@ class TakeoverLife(Life):
             member.computers += 1
         journal = self.folder / f"journal-{member.name}{member.computers}"
         servers = ",".join(f"127.0.0.1:{line.port}" for line in member.lines)
-        options = ["--log", f"nats://{servers}/robot", "--bind", member.address]
-        options += ["--journal", str(journal)]
+        options = ["--log", f"nats://{servers}/robot", "--bind", member.bind]
+        options += ["--journal", str(journal), *["--insecure"] * bool(member.front)]
         member.process = self._start(
             f"central-{member.name}", "be_member", command, self._events_between, options
         )
@@ -197,7 +207,8 @@ class TakeoverLife(Life):
             member.process.send_signal(signal.SIGSTOP)
             self._log(f"central {member.name} stopped")
         else:
-            self._break(member.lines, how, seconds)
+            front = [member.front] if member.front and self.random.random() < 0.5 else []
+            self._break([*member.lines, *front], how, seconds)
         self._repair_after(seconds, f"{member.name} is well", lambda: self._is_well(member))
 
     def _is_well(self, member: Member) -> None:
