@@ -172,7 +172,7 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
                     self.request,
                     self.seconds_left,
                     self._message.title,
-                    lambda: bool(self.request.answers),
+                    lambda: bool(self.request.answers) or self.request.is_over,
                 )
                 # If a handler has failed, central's answer to the GiveUp names its failure.
                 if not has_arrived and not self._has_reply:

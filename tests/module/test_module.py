@@ -3,6 +3,7 @@ need it.
 """
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -17,6 +18,7 @@ from tca_module import (
     FormatRefused,
     MisuseError,
     Module,
+    MultiQuery,
     QueryFailed,
     Task,
     Timeout,
@@ -245,6 +247,20 @@ def test_module_reconnects_after_connections_break(
     assert [fact.message for fact in central.facts if isinstance(fact, HandlerAdded)] == [
         "temperature"
     ] * 2
+
+
+def test_connection_break_ends_a_multi_query_at_once(legs: Module, central: LocalCentral) -> None:
+    asked, busy = MultiQuery("asked", reply=float), Gate(36.6)
+    legs.handles(asked)(busy)
+    with legs.running(), connect("other", central) as other:
+        replies = other.multi_query_send(asked, timeout=10 * SOON)
+        busy.threads.get(timeout=SOON)
+        central.cut("other")
+        began = time.monotonic()
+        with pytest.raises(CentralLost):
+            next(replies)
+        assert time.monotonic() < began + SOON
+        busy.go_on.set()
 
 
 def test_task_wait_survives_connection_break_and_query_is_lost(
