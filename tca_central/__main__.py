@@ -78,6 +78,7 @@ class Options:
     insecure: bool
     quiet: bool
     is_standby: bool = False  #: whether another central leads
+    has_followed: bool = False  #: whether this process has followed or led the run before
     after: float = SILENT  #: seconds of silence after which a standby leads
     folder: Path | None = None  #: the folder of the journal, with a replicated log
 
@@ -157,7 +158,9 @@ def _lead(member: Member, options: Options) -> bool:
         signal.signal(number, lambda number, _: signals.append(number))
     signal.signal(signal.SIGUSR2, lambda *_: member.lead_now())
     log.info("follows the log; journal in %s", member.path)
-    return member.stand_by(lambda: bool(signals), after=options.after)
+    return member.stand_by(
+        lambda: bool(signals), after=options.after, has_followed=options.has_followed
+    )
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -375,7 +378,7 @@ def run_central(options: Options) -> None:
             _run_once(options)
         except (Deposed, FollowedRunLost) as error:
             log.warning("%s: this central follows the log from its start", error)
-            options = replace(options, is_standby=True, fresh=False, resume=())
+            options = replace(options, is_standby=True, has_followed=True, fresh=False, resume=())
         except (CentralError, KeyRefused, NoHome) as error:
             raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(
                 str(error)

@@ -110,7 +110,13 @@ class Member:
             return CentralError(f"{leader} leads a run: end it, or leave --fresh out to follow it")
         return Deposed(f"{leader} leads")
 
-    def stand_by(self, is_stopping: Callable[[], bool], *, after: float = SILENT) -> bool:
+    def stand_by(
+        self,
+        is_stopping: Callable[[], bool],
+        *,
+        after: float = SILENT,
+        has_followed: bool = False,
+    ) -> bool:
         """Follow the leader, and lead once it was silent for a time. Return False if *is_stopping*.
 
         It also leads after ``lead_now``. It starts no run: if there is none, it waits for one. The
@@ -119,12 +125,15 @@ class Member:
         Args:
             is_stopping: Tells whether to end. It is called several times a second.
             after: Seconds of silence; infinite: a person must decide.
+            has_followed: Whether this process has followed or led the log's run before.
         """
         follower, self.shared.gives_up = self._follower, is_stopping
         while not is_stopping():
             last, is_over = self._end()
             if not is_over:
                 break
+            if has_followed:
+                return False
             self.shared.read(last, _LOOK_PERIOD)
         while not is_stopping() and follower.ended is None:
             follower.follow(0.1)

@@ -13,10 +13,12 @@ from tca_central.errors import CentralError
 from tca_central.events import DiskSpace, Input
 from tca_central.image.encoder import encode as image_of
 from tca_central.replication.follower import FollowedRunLost, Follower
+from tca_central.replication.member import Member
 from tca_central.replication.records import Image, Pieces, Term, Turn, encode
 from tca_central.replication.shared_inputs import SharedInputs
 from tca_central.replication.shared_log import Deposed, Kind, Message, cut
 from tca_central.shell.input_log import INPUT_VERSION, Ended
+from tca_central.shell.store import Store
 from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
@@ -178,3 +180,12 @@ def test_rest_of_a_record_without_its_start_is_ignored() -> None:
     pieces = Pieces()
     assert pieces.add(Message(5, Kind.IMAGE, b"rest", 1)) is None
     assert pieces.add(Message(6, Kind.TURN, encode([LOW]))) == Turn(6, [LOW])
+
+
+def test_standby_ends_if_the_run_it_had_followed_has_ended(tmp_path: Path) -> None:
+    model = LogModel()
+    leading(model, tmp_path)[1].end("SIGTERM")
+    member = Member(ModelLog(model), AT, tmp_path / "journal", Store())
+    looks = iter([False] * 10)
+    assert not member.stand_by(lambda: next(looks), has_followed=True)
+    member.close()
