@@ -100,7 +100,7 @@ class Judge:
             for note in notes:
                 if note.word in ("awaits", "asks"):
                     waits.add(note.about[0])
-                elif note.word in ("done", "failed", "answered", "unanswered"):
+                elif note.word in ("done", "failed", "answered", "unanswered", "cut off"):
                     waits.discard(note.about[0])
                     what = note.about[-1] if note.word in ("failed", "unanswered") else ""
                     self.counts[f"users: {note.word} {what}".strip()] += 1

@@ -16,6 +16,7 @@ from typing import Any
 from tca_central.__main__ import central
 from tca_central.shell import images
 from tca_module import (
+    CentralLost,
     Client,
     Command,
     ExceptionHandler,
@@ -256,7 +257,11 @@ class User:
         try:
             with connect(self.name, patience=PATIENCE, linger=60.0) as user:
                 while not until.exists():
-                    self.random.choice(deeds)(user, self._next())
+                    name = self._next()
+                    try:
+                        self.random.choice(deeds)(user, name)
+                    except CentralLost:  # only if the line to a living central broke
+                        self.notebook.note("cut off", name)
                     while len(self.sent) > self.random.randrange(12):
                         self.await_oldest()
                     time.sleep(self.random.random() * 0.01)
@@ -281,6 +286,9 @@ class User:
         self.notebook.note("awaits", name)
         try:
             result = task.result()
+        except CentralLost:
+            self.notebook.note("cut off", name)
+            return
         except (TaskFailed, TaskKilled) as error:
             failure = error.failure if isinstance(error, TaskFailed) else "killed"
             self.notebook.note("failed", name, task.id, failure)

@@ -53,6 +53,7 @@ class Member:
         self.process: Process | None = None
         self.is_faulty = False  #: whether it is stopped, or its lines are broken
         self.listens = False
+        self.term = 0  #: the number of the takeover with which it leads; 0: it follows
 
 
 class TakeoverLife(Life):
@@ -78,13 +79,14 @@ class TakeoverLife(Life):
         self.lines = Lines()
         self._routes: list[tuple[int, int, Line]] = []
         self.servers = NatsServers(folder, route=self._route)
+        self.has_fronts = bool(seed % 2)
         self.members = [Member(name, folder) for name in NAMES]
         for one in self.members:
             one.lines = [
                 self.lines.add(f"{one.name}{number}", port)
                 for number, port in enumerate(self.servers.ports)
             ]
-            if seed % 2:
+            if self.has_fronts:
                 port = free_port()
                 one.front = self.lines.add(f"{one.name}-programs", port)
                 one.bind = f"tcp://127.0.0.1:{port}"
@@ -148,13 +150,17 @@ class TakeoverLife(Life):
             for found in LEADS.finditer(text):
                 leads, listens, follows, is_deposed, is_behind = found.groups()
                 if leads:
-                    self.leader = one
                     self.counts["takeovers"] += 1
+                    one.term = self.counts["takeovers"]
                     self._log(f"central {one.name} leads, takeover {self.counts['takeovers']}")
                 if listens or follows:
                     one.listens = bool(listens)
+                if follows:
+                    one.term = 0
                 self.counts["centrals deposed"] += bool(is_deposed)
                 self.counts["centrals left behind"] += bool(is_behind)
+        # One that was deposed before it said that it leads may say so last, but then follows.
+        self.leader = max(self.members, key=lambda one: one.term)
 
     def _check_central(self) -> None:
         self._read_logs()
@@ -196,7 +202,7 @@ class TakeoverLife(Life):
         if how == "kill":
             self._log(f"central {member.name} killed")
             member.process.close()
-            member.process = None
+            member.process, member.term = None, 0
             self._repair_after(seconds, f"start {member.name}", lambda: self._start_member(member))
             return
         if what == "one line":
