@@ -30,6 +30,7 @@ class Life:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.kills, self.users = folder, kills, users
         self.random = Random(seed)
+        self.stops = [0.2, 1.0, 7.0]  #: seconds that a module may be stopped
         self.counts = Counter[str]()
         self.address = f"ipc://{folder}/c.sock"
         self._events_between = events_between
@@ -151,7 +152,7 @@ class Life:
         self._doom[name] = time.monotonic() + self.random.expovariate(1 / self.module_seconds)
         if self.random.random() < 0.4:
             process.send_signal(signal.SIGSTOP)
-            self._resume.append((time.monotonic() + self.random.choice([0.2, 1.0, 7.0]), process))
+            self._resume.append((time.monotonic() + self.random.choice(self.stops), process))
             self.counts["stops of modules"] += 1
             self._log(f"process {process.pid}, {name}, stops")
             return

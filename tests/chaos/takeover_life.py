@@ -7,7 +7,7 @@ hold what is sent.
 import re
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from chaos.life import HEALED, Broken, Life
@@ -73,9 +73,11 @@ class TakeoverLife(Life):
         users: int = 2,
         events_between: int = 500,
         faults: dict[str, int] | None = None,
+        seconds: Sequence[float] = (0.3, 1.5, 3.0, 5.0),
     ) -> None:
         super().__init__(folder, seed, takeovers, users=users, events_between=events_between)
-        self._faults = faults or FAULTS
+        self._faults, self._seconds = faults or FAULTS, seconds
+        self.stops = [min(stop, seconds[-1]) for stop in self.stops]
         self.lines = Lines()
         self._routes: list[tuple[int, int, Line]] = []
         self.servers = NatsServers(folder, route=self._route)
@@ -185,7 +187,7 @@ class TakeoverLife(Life):
         else:
             self._pass(self.random.random())
         kind = self.random.choices(list(self._faults), list(self._faults.values()))[0]
-        seconds = self.random.choice([0.3, 1.5, 3.0, 5.0]) * (0.5 + self.random.random())
+        seconds = self.random.choice(self._seconds) * (0.5 + self.random.random())
         self.fault(kind, seconds / 2 if kind.startswith("kill") else seconds)
 
     def fault(self, kind: str, seconds: float) -> None:

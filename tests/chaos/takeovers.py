@@ -10,20 +10,19 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 
-def live(
-    folder: Path, seed: int, takeovers: int, *, faults: dict[str, int] | None = None
-) -> tuple[Counter[str], list[str]]:
-    """Live and judge. Return the counts, and the contradictions."""
+def live(folder: Path, seed: int, takeovers: int, **options: Any) -> tuple[Counter[str], list[str]]:
+    """Live and judge. Return the counts, and the contradictions. *options*: of TakeoverLife."""
     from chaos.checker import Judge
     from chaos.journals import Merged
     from chaos.life import Broken
     from chaos.takeover_life import TakeoverLife
 
-    wrong, life = list[str](), TakeoverLife(folder, seed, takeovers, faults=faults)
+    wrong, life = list[str](), TakeoverLife(folder, seed, takeovers, **options)
     try:
         life.run()
     except Broken as error:

@@ -11,7 +11,7 @@ FAULTS = {"kill leader": 1, "cut leader": 1, "hold leader": 1}
 
 
 def test_takeovers_lose_and_repeat_no_task(tmp_path: Path) -> None:
-    counts, wrong = live(tmp_path, 1, 2, faults=FAULTS)
+    counts, wrong = live(tmp_path, 2, 2, faults=FAULTS, seconds=[2.0])
     assert not wrong
     assert counts["takeovers"] >= 2
     assert counts["entries compared"] > 100
