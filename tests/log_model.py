@@ -171,13 +171,24 @@ class ModelLog:
         return after + len(pieces)
 
     def _append_one(self, stored: Stored) -> None:
+        model, until = self.model, self.model.clock() + self.patience
+        while not self._until_answered(lambda: model.append(stored._replace(at=model.clock()))):
+            if self._is_appended(stored):
+                return
+            self._link.wait(0.05, lambda: False)
+            if model.clock() > until:
+                raise _unreachable()
+
+    def _is_appended(self, stored: Stored) -> bool:
+        """Whether an earlier attempt, whose answer was lost, has appended a message."""
         model, number = self.model, stored.message.sequence
-        if self._until_answered(lambda: model.append(stored._replace(at=model.clock()))):
-            return
-        # An earlier attempt, whose answer was lost, may have succeeded.
+        last = self._until_answered(lambda: model.last)
         found = self._until_answered(lambda: model.message(number))
-        if found is None or found.mark != stored.mark:
+        if found is not None and found.mark == stored.mark:
+            return True
+        if found is not None or last >= number:
             raise Deposed("another central leads: it has written to the log")
+        return False
 
     def read(self, after: int, seconds: float) -> list[Message]:
         """Return messages that follow *after*; wait for one if there are none."""

@@ -1,6 +1,7 @@
 """The engine of a replicated log in a simulation, and the ways to it, which lose and delay."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol, TypeVar
 
 from log_model import LogModel, Lost, Stored
@@ -14,11 +15,15 @@ LATEST = 4.0
 
 
 class Engine(LogModel):
-    """The engine. It does not answer for some time."""
+    """The engine. It does not answer for some time.
 
-    def __init__(self, clockwork: Clockwork) -> None:
+    While too few servers run, it refuses other messages than the one that it can't store yet.
+    """
+
+    def __init__(self, clockwork: Clockwork, options: Options) -> None:
         super().__init__(lambda: clockwork.now)
-        self._clockwork = clockwork
+        self._clockwork, self._options = clockwork, options
+        self._is_held = False  #: whether a message is not stored yet
         self.down_until = 0.0
         self.ways: list[Way] = []
 
@@ -28,7 +33,23 @@ class Engine(LogModel):
         return self._clockwork.now >= self.down_until
 
     def append(self, stored: Stored) -> bool:
-        """Append a message, and notify the clients that wait for one."""
+        """Append a message, and notify the clients that wait for one. Raises Lost."""
+        if self._is_held:
+            return False
+        is_next = stored.message.sequence == self.last + 1
+        if is_next and self._clockwork.chance(self._options.held_messages):
+            self._is_held = True
+            self._clockwork.after(self._clockwork.between(0.0, LATEST), self._release, stored)
+            raise Lost
+        return self._store(stored)
+
+    def _release(self, stored: Stored) -> None:
+        """Store a message that was held, or lose it."""
+        self._is_held = False
+        if self._clockwork.chance(0.7):
+            self._store(stored)
+
+    def _store(self, stored: Stored) -> bool:
         if not super().append(stored):
             return False
         for way in self.ways:
@@ -71,7 +92,7 @@ class Way:
         self._pass_time()
         if not self.is_open or clockwork.chance(options.lost_requests):
             if clockwork.chance(0.5):
-                clockwork.after(clockwork.between(0.0, LATEST), apply)
+                clockwork.after(clockwork.between(0.0, LATEST), _arrive_late, apply)
             raise Lost
         found = apply()
         self._pass_time()
@@ -104,3 +125,8 @@ class Way:
             and not self.is_gone
             and (self._clockwork.now >= self._caller.fiber.frozen_until)
         )
+
+
+def _arrive_late(apply: Callable[[], object]) -> None:
+    with suppress(Lost):
+        apply()

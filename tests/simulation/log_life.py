@@ -24,6 +24,7 @@ def drawn_with_log(dice: random.Random) -> Options:
     options.log_delay = choice((0.0, 0.001, 0.02, 0.3))
     options.lost_requests = choice((0.0, 0.0, 0.01, 0.1))
     options.lost_answers = choice((0.0, 0.0, 0.01, 0.1))
+    options.held_messages = choice((0.0, 0.0, 0.01))
     options.deaths = choice((0.0, 0.1, 0.3))
     options.pauses = choice((0.0, 0.1, 0.5))
     options.outages = choice((0.0, 0.0, 0.1))

@@ -42,7 +42,7 @@ class Members:
     ) -> None:
         self.clockwork, self.harbour, self.options = clockwork, harbour, options
         self.publish, self.count = publish, count
-        self.engine = Engine(clockwork)
+        self.engine = Engine(clockwork, options)
         self.journal: list[Entry] = []  #: the entries of the run
         self._entries: dict[int, Entry] = {}
         self._lives = 0
@@ -85,7 +85,9 @@ class Members:
             central = Central(EPOCH)
             central.dispatcher.prefetcher.trusts_all = True
             image = records.Image(0, EPOCH, encode(central))
+            held, self.options.held_messages = self.options.held_messages, 0.0
             ModelLog(self.engine).append(Kind.IMAGE, cut(records.encode(image)), 0)
+            self.options.held_messages = held
         for member in self.members:
             member.start()
 
@@ -103,7 +105,7 @@ class Members:
     def heal(self) -> None:
         """Have no faults from now on."""
         now, options, self.is_healed = self.clockwork.now, self.options, True
-        options.lost_requests = options.lost_answers = 0.0
+        options.lost_requests = options.lost_answers = options.held_messages = 0.0
         self.engine.down_until = now
         for member in self.members:
             member.disk.room = None

@@ -60,6 +60,8 @@ class Options(msgspec.Struct):
     """The longest time that a request to the log, or its answer, takes."""
     lost_requests: float = 0.0
     lost_answers: float = 0.0
+    held_messages: float = 0.0
+    """The chance that the engine stores a message later or never, and none before it."""
     deaths: float = 0.0
     """The rate at which members die."""
     pauses: float = 0.0
