@@ -57,6 +57,7 @@ class SharedInputs:
         self._image: deque[bytes] = deque()  #: pieces of an image to append
         self._part = 0  #: the number of the next piece
         self._image_after = 0  #: the last message that led to this image
+        self._kept_after = 0  #: the same of the image before it
         self._error: CentralError | None = None  #: the first failure; nothing is appended after it
         #: The last message of each second, oldest first. It tells how far followers are behind.
         self._seconds: deque[tuple[float, int]] = deque(maxlen=MOST_BEHIND)
@@ -78,7 +79,9 @@ class SharedInputs:
             self._append(Kind.IMAGE, [piece], part=self._part, is_more=bool(self._image))
             self._part += 1
             if not self._image:
-                self._log.remove(self._image_after + 1)
+                # A follower that lags keeps its run: the image before this one stays.
+                self._log.remove(self._kept_after + 1)
+                self._kept_after = self._image_after
 
     def _append(
         self, kind: Kind, pieces: list[bytes], *, part: int = 0, is_more: bool = False

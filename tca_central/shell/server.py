@@ -573,6 +573,8 @@ class Daemon:
                 self.log.end(self.central, why, is_over=is_over)
         except CentralError:  # it has been reported
             is_over = False
+            if self.log is not None and self.log.images is not None:
+                self.log.images.close()
         self._door.close()
         self._gate.close()
         self.socket.close()

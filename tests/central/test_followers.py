@@ -94,22 +94,34 @@ def test_leader_is_deposed_by_a_takeover(tmp_path: Path) -> None:
     assert not reader.follower.central.is_disk_low
 
 
+def append_image(inputs: SharedInputs, central: Central) -> int:
+    """Append an image, after a turn and before another one. Return its number."""
+    append(inputs, LOW)
+    number = inputs.next_segment(0.0)
+    (inputs.folder / f"{number:08d}.tcas").write_bytes(image_of(central))
+    inputs.use_image(number, 0)
+    append(inputs, OK)
+    append(inputs)
+    return number
+
+
 def test_follower_starts_from_an_image_among_turns(tmp_path: Path) -> None:
     model = LogModel()
     leader, inputs = leading(model, tmp_path)
     player = Player.of("user")
-    append(inputs, LOW)
-    number = inputs.next_segment(0.0)
-    (tmp_path / f"{number:08d}.tcas").write_bytes(image_of(player.central))
-    inputs.use_image(number, 0)
-    append(inputs, OK)
-    append(inputs)
+    ModelLog(model).remove(append_image(inputs, player.central) + 1)
     reader = Reader(model)
     reader.read()
-    assert model.first > number
     assert reader.follower.central is not None
     assert reader.follower.central.event_count == player.central.event_count + 1
     assert leader.central is not None
+
+
+def test_log_keeps_the_messages_since_the_last_image_but_one(tmp_path: Path) -> None:
+    model = LogModel()
+    _, inputs = leading(model, tmp_path)
+    numbers = [append_image(inputs, Player.of("user").central) for _ in range(3)]
+    assert model.first == numbers[1] + 1
 
 
 def test_slow_follower_learns_that_its_run_was_removed(tmp_path: Path) -> None:
