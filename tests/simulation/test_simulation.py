@@ -39,7 +39,7 @@ def test_simulated_crashes_lose_and_repeat_no_task() -> None:
 
 
 def test_members_of_a_log_lose_and_repeat_no_task() -> None:
-    counts = live(range(129, 138), LogLife)
+    counts = live(range(300, 309), LogLife)
     names = ("acknowledged", "terms", "Deposed", "LogUnreachable", "moves")
     assert min(counts[name] for name in names) > 0
 
