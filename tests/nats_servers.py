@@ -30,8 +30,9 @@ class NatsServers:
         more: str = "",
         route: Callable[[int, int, int], int] = lambda _one, _other, port: port,
     ) -> None:
-        self.ports = [free_port() for _ in range(number)]
-        listening = [free_port() for _ in range(number)]
+        self._held: list[socket.socket] = []
+        self.ports = [self.held_port() for _ in range(number)]
+        listening = [self.held_port() for _ in range(number)]
         self._listening = listening
         self._routes = [
             [route(one, other, listening[other]) for other in range(number) if other != one]
@@ -99,6 +100,16 @@ class NatsServers:
         """Kill all servers."""
         for number in range(len(self.processes)):
             self.kill(number)
+        for one in self._held:
+            one.close()
+
+    def held_port(self) -> int:
+        """Return a port that no other program gets, also while its server does not run."""
+        held = socket.socket()
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # servers set it, too
+        held.bind(("127.0.0.1", 0))
+        self._held.append(held)
+        return int(held.getsockname()[1])
 
 
 def free_port() -> int:
