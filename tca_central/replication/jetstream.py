@@ -46,6 +46,8 @@ SIGN_PERIOD = 0.25
 """Seconds between two signs of life."""
 _BATCH = 64
 """Messages in a batch at most: a server cuts a client for which more than 64 MiB wait."""
+_READ_PERIOD = 0.05
+"""Seconds between two reads, unless much is waiting: a read costs more than its messages."""
 _NO_STREAM = 10059
 _KIND, _PART, _MORE, _WRITER = "Tca-Kind", "Tca-Part", "Tca-More", "Tca-Writer"
 _EXPECTED = "Nats-Expected-Last-Sequence"
@@ -75,6 +77,7 @@ class JetStreamLog:
         self._signs: dict[str, tuple[float, Sign]] = {}
         self._reader: JetStreamContext.PullSubscription | None = None
         self._read_to = 0  #: the last message that the reader has returned
+        self._next_read = 0.0  #: when to read again, at the earliest
         self._stamp = 0.0  #: when the log got that message, in seconds since 1970
         self._begun: set[asyncio.Task[None]] = set()
         try:
@@ -294,9 +297,12 @@ class JetStreamLog:
                 f"{self._subject}.log", stream=self._line.stream, config=config
             )
             self._read_to = after
+        await asyncio.sleep(self._next_read - time.monotonic())
         raw = await self._reader.fetch(_BATCH, seconds)
         if not raw:  # a server's remark has ended the wait
             raise TimeoutError
+        if len(raw) < _BATCH:
+            self._next_read = time.monotonic() + _READ_PERIOD
         fetched = [_read_message(one) for one in raw]
         first = fetched[0].sequence
         messages = [one for at, one in enumerate(fetched) if one.sequence == first + at]
