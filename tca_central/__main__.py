@@ -378,6 +378,7 @@ def run_central(options: Options) -> None:
             _run_once(options)
         except (Deposed, FollowedRunLost) as error:
             log.warning("%s: this central follows the log from its start", error)
+            gc.unfreeze()  # the state before is garbage now
             options = replace(options, is_standby=True, has_followed=True, fresh=False, resume=())
         except (CentralError, KeyRefused, NoHome) as error:
             raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(
