@@ -20,6 +20,7 @@ from tca_central.replication.follower import FollowedRunLost
 from tca_central.replication.member import SILENT, Member
 from tca_central.replication.shared_data import SharedData
 from tca_central.replication.shared_log import Deposed, log_in
+from tca_central.shell.bound_socket import check_can_bind
 from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import raise_descriptor_limit
 from tca_central.shell.gate import OpenGate, gate_for
@@ -157,7 +158,7 @@ def _lead(member: Member, options: Options) -> bool:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, lambda number, _: signals.append(number))
     signal.signal(signal.SIGUSR2, lambda *_: member.lead_now())
-    log.info("follows the log; journal in %s", member.path)
+    check_can_bind(str(options.bind))
     return member.stand_by(
         lambda: bool(signals), after=options.after, has_followed=options.has_followed
     )
@@ -236,14 +237,16 @@ def _set_up_logging(*, quiet: bool) -> None:
     logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
 
 
-def _install_signal_handlers(server: Daemon) -> None:
+def _install_signal_handlers(server: Daemon, *, is_shared: bool) -> None:
     """Stop at SIGINT and SIGTERM, and at SIGUSR1 so that the run continues at the next start.
 
-    At SIGHUP check files again or, without a terminal, stop.
+    With a shared log the run also continues after SIGTERM, which a computer sends to all programs
+    when it is turned off. At SIGHUP check files again or, without a terminal, stop.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
+    signal.signal(signal.SIGINT, lambda *_: server.stop(signal.SIGINT.name))
+    signal.signal(signal.SIGTERM, lambda *_: server.stop(signal.SIGTERM.name, keep=is_shared))
     signal.signal(signal.SIGUSR1, lambda *_: server.stop(signal.SIGUSR1.name, keep=True))
+    signal.signal(signal.SIGUSR2, signal.SIG_IGN)  # it leads already
     has_terminal = os.isatty(sys.stderr.fileno())
 
     def on_hangup(*_: object) -> None:
@@ -352,8 +355,9 @@ def _install_signal_handlers(server: Daemon) -> None:
     "--log",
     "log_address",
     metavar="SERVERS",
+    envvar="TCA_LOG",
     help="Keep inputs and images in a replicated log, nats://host:port,host:port/NAME, so that "
-    "a standby can take over.",
+    "a standby can take over [default: $TCA_LOG, which hides a password from other users].",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Log only what went wrong.")
 @click.version_option(
@@ -440,7 +444,7 @@ def _begin_run(
         run.open(server, sync, keeps_inputs=keeps_inputs, hold="hold" in options.resume)
     journal = None if run is None else run.path
     _link_journal(server.endpoint, journal, is_named=options.journal is not None)
-    _install_signal_handlers(server)
+    _install_signal_handlers(server, is_shared=options.log_address is not None)
     log.info("listening on %s", server.endpoint)
 
 

@@ -125,6 +125,8 @@ class Standby(msgspec.Struct, frozen=True, array_like=True):
     """Where modules find it when it leads."""
     behind: int = 0
     """How many seconds ago the leader appended what it has yet to read, roughly."""
+    is_manual: bool = False
+    """Whether a person must let it lead."""
 
 
 class MembersChanged(msgspec.Struct, frozen=True, array_like=True, tag="n"):

@@ -1,6 +1,7 @@
 """The address of a replicated log."""
 
 import re
+from urllib.parse import unquote, urlsplit
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SERVER = re.compile(r"([^@]+@)?(\[[0-9a-fA-F:]+\]|[^@:\[\]\s]+)(:[0-9]{1,5})?")
@@ -33,6 +34,18 @@ def log_in(address: str) -> tuple[list[str], str]:
 def _is_server(text: str) -> bool:
     found = _SERVER.fullmatch(text)
     return found is not None and int((found[3] or ":1")[1:]) < 65536
+
+
+def user_in(server: str) -> tuple[str | None, str | None]:
+    """Return the user, or token, and the password in the address of a server.
+
+    Example:
+        >>> user_in("nats://rover:secret@10.0.0.1")
+        ('rover', 'secret')
+    """
+    url = urlsplit(server)
+    user, password = url.username, url.password
+    return unquote(user) if user else None, unquote(password) if password else None
 
 
 def without_secrets(address: str) -> str:

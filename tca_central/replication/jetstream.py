@@ -28,11 +28,7 @@ from nats.js.errors import NotFoundError
 
 from tca_central.errors import CentralError
 from tca_central.replication.jetstream_bodies import JetStreamBodies
-from tca_central.replication.jetstream_connection import (
-    PATIENCE,
-    JetStreamConnection,
-    WrongLast,
-)
+from tca_central.replication.jetstream_connection import JetStreamConnection, WrongLast
 from tca_central.replication.log_checks import check_stream, has_quorum
 from tca_central.replication.shared_log import Deposed, Kind, Message, Sign
 
@@ -40,6 +36,8 @@ log = logging.getLogger("tca.central")
 
 APPENDED_WITHIN = 0.3
 """Seconds after which an append is repeated. A standby takes over after one second of silence."""
+LOST_AFTER = 30.0
+"""Seconds for which the log must lack its last messages until they count as lost."""
 SLOWEST = 1e6
 """Bytes a second of a slow network, to which an append has more time."""
 SIGN_PERIOD = 0.25
@@ -65,7 +63,8 @@ class JetStreamLog:
     """
 
     def __init__(self, servers: Sequence[str], name: str) -> None:
-        self._subject, self._replicas = f"tca.{name}", min(len(servers), 5)
+        self.name, self._subject = name, f"tca.{name}"
+        self._replicas = min(len(servers), 5)
         self._line = JetStreamConnection(servers, f"TCA-{name}")
         self._line.on_connected = self._listen
         self._bodies = JetStreamBodies(self._line, self._subject)
@@ -148,9 +147,9 @@ class JetStreamLog:
             if self._bodies_beside is None:
                 line = JetStreamConnection(self._line.servers, self._line.stream)
                 line.gives_up = self._gives_up_now
-                self._bodies_beside = JetStreamBodies(line, self._subject)
                 line.call(line.open())
                 line.is_open = True
+                self._bodies_beside = JetStreamBodies(line, self._subject)
             bodies = self._bodies_beside
         bodies.line.call(bodies.put(name, data))
 
@@ -216,34 +215,35 @@ class JetStreamLog:
             headers[_PART] = str(one.part)
         if one.is_more:
             headers[_MORE] = "1"
-        until = 0.0
+        start = time.monotonic()
         while True:
             try:
-                await self._line.until_answered(self._publish, one.data, headers)
-            except WrongLast:
-                if await self._is_appended(one.sequence, mark):
+                await self._line.until_answered(self._publish, one.data, headers, since=start)
+            except WrongLast as error:
+                if await self._is_appended(one.sequence, mark, start):
                     break
                 # The servers expect the next number while they are too few to store this one.
-                until = until or time.monotonic() + PATIENCE
-                if time.monotonic() > until:
-                    raise self._line.lost("has lost messages") from None
-                await asyncio.sleep(0.05)
+                await self._line.pause(start, error)
             else:
                 break
         self._line.note_answer()
 
-    async def _is_appended(self, sequence: int, mark: str) -> bool:
+    async def _is_appended(self, sequence: int, mark: str, start: float) -> bool:
         """Whether an earlier attempt, whose answer was lost, has appended a message.
 
         It may do so later. Raises Deposed if another writer's message is there.
         """
-        last = await self._line.until_answered(self._last_sequence)
-        found = await self._line.until_answered(self._message, sequence)
+        line = self._line
+        info = await line.until_answered(line.api.stream_info, line.stream, since=start)
+        found = await line.until_answered(self._message, sequence, since=start)
         if found is not None and (found.headers or {}).get(_WRITER) == mark:
             return True
+        last = info.state.last_seq
         if found is not None or last >= sequence:  # or it was removed
             msg = "another central leads: it has written to the log"
             raise Deposed(msg)
+        if last < sequence - 1 and has_quorum(info) and time.monotonic() > start + LOST_AFTER:
+            raise line.lost("has lost messages")
         return False
 
     async def _publish(self, piece: bytes, headers: dict[str, str]) -> None:

@@ -20,7 +20,7 @@ from nats.js.errors import BadRequestError, NoStreamResponseError, NotFoundError
 from tca_central.errors import CentralError
 from tca_central.replication.log_checks import check_payload, explanation, is_full, is_refusal
 from tca_central.replication.shared_log import LogUnreachable
-from tca_wire.log_address import without_secrets
+from tca_wire.log_address import user_in, without_secrets
 
 log = logging.getLogger("tca.central")
 logging.getLogger("asyncio").setLevel(logging.ERROR)  # it warns of each connection with TLS
@@ -39,6 +39,9 @@ T = TypeVar("T")
 
 class WrongLast(Exception):
     """The log's last message is not the one that an append expects."""
+
+    def __str__(self) -> str:
+        return "too few of its servers run to store a message"
 
 
 class JetStreamConnection:
@@ -61,6 +64,8 @@ class JetStreamConnection:
         self._problem: Exception | None = None  #: the newest error that no call has got
         self._reported = 0.0  #: when it was said that central waits; 0: it does not
         self._loop = asyncio.new_event_loop()
+        user, password = user_in(self.servers[0])
+        self._credentials = {"user": user, "password": password} if password else {"token": user}
 
     def call(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a call to its end. Raises CentralError."""
@@ -94,6 +99,7 @@ class JetStreamConnection:
         self.client = Client()
         connecting = self.client.connect(
             self.servers,
+            **self._credentials,  # also for servers that the first ones tell of
             error_cb=self._note_problem,
             max_reconnect_attempts=-1,
             reconnect_time_wait=0.1,
@@ -116,12 +122,12 @@ class JetStreamConnection:
 
     # --- patience ---------------------------------------------------------------------------------
 
-    async def until_answered(self, work: Any, *args: Any) -> Any:
-        """Repeat a call until the servers answer.
+    async def until_answered(self, work: Any, *args: Any, since: float | None = None) -> Any:
+        """Repeat a call, which began at *since*, until the servers answer.
 
         Raises CentralError, NotFoundError, and WrongLast for an append.
         """
-        start = time.monotonic()
+        start = time.monotonic() if since is None else since
         while True:
             try:
                 return await work(*args)

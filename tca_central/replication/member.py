@@ -1,6 +1,7 @@
 """A central with a replicated log: it follows the leader until it leads itself."""
 
 import logging
+import math
 import os
 import socket
 import time
@@ -86,12 +87,13 @@ class Member:
                 is_all_read = True
             elif is_all_read:
                 raise self._already_led(is_fresh=is_fresh)
-        if not self._take_over(is_fresh=is_fresh):
+        # The clocks of computers may differ: the log's age only serves where nothing else is known.
+        if not self._take_over(self.shared.age(), is_fresh=is_fresh):
             raise self._already_led(is_fresh=is_fresh)
 
-    def _take_over(self, *, is_fresh: bool = False) -> bool:
-        """Lead from now on. Return False if the log has later messages."""
-        self._away = min(max(self.shared.age(), self._follower.silence), LONGEST_AWAY)
+    def _take_over(self, away: float, *, is_fresh: bool = False) -> bool:
+        """Lead from now on, after *away* seconds. Return False if the log has later messages."""
+        self._away = min(max(away, 0.0), LONGEST_AWAY)
         return self._follower.take_over(self._address, is_fresh=is_fresh)
 
     @property
@@ -128,21 +130,41 @@ class Member:
             has_followed: Whether this process has followed or led the log's run before.
         """
         follower, self.shared.gives_up = self._follower, is_stopping
-        while not is_stopping():
-            last, is_over = self._end()
-            if not is_over:
-                break
-            if has_followed:
-                return False
-            self.shared.read(last, _LOOK_PERIOD)
+        if not self._wait_for_run(is_stopping, has_followed=has_followed):
+            return False
+        log.info("follows the log; journal in %s", self.path)
+        is_manual, is_reported = math.isinf(after), False
         while not is_stopping() and follower.ended is None:
             follower.follow(0.1)
-            self.shared.give_sign(Sign(self._name, self._address, follower.last))
+            self.shared.give_sign(Sign(self._name, self._address, follower.last, is_manual))
             if (central := follower.central) is not None:
                 self._store.settle(central.registry.modules)
             is_due = self._is_asked or follower.silence >= after
-            if is_due and self._is_unfinished and self._take_over():
+            if is_due and self._is_unfinished and self._take_over(follower.silence):
                 return True
+            is_silent = follower.silence >= SILENT
+            if is_manual and is_silent and not is_reported:
+                log.warning("nobody leads: 'kill -USR2 %d' lets this central lead", os.getpid())
+            is_reported = is_silent
+        if follower.ended is not None:
+            log.info("the run has ended: %s", follower.ended.why)
+        return False
+
+    def _wait_for_run(self, is_stopping: Callable[[], bool], *, has_followed: bool) -> bool:
+        """Wait until the log has an unfinished run. Return False to end instead."""
+        is_reported = False
+        while not is_stopping():
+            last, is_over = self._end()
+            if not is_over:
+                return True
+            if has_followed:
+                return False
+            if not is_reported:
+                log.info(
+                    "waits: the log %s has no run; 'tca central --log' begins one", self.shared.name
+                )
+                is_reported = True
+            self.shared.read(last, _LOOK_PERIOD)
         return False
 
     def lead_now(self) -> None:

@@ -120,7 +120,7 @@ class SharedInputs:
         now = self._clock()
         self._seconds.append((now, self._last))
         return tuple(
-            Standby(sign.member, sign.address, self._seconds_behind(sign.last, now))
+            Standby(sign.member, sign.address, self._seconds_behind(sign.last, now), sign.is_manual)
             for age, sign in sorted(self._log.signs(), key=lambda one: one[1].member)
             if age < GONE and sign.member != self._member  # it may have followed until now
         )

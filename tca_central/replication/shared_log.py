@@ -42,6 +42,7 @@ class Sign(msgspec.Struct, frozen=True):
     member: str  #: the process, as "host:pid"
     address: str  #: where modules find it when it leads
     last: int  #: the last message that it has read
+    is_manual: bool = False  #: whether a person must let it lead
 
 
 class Deposed(CentralError):
@@ -55,6 +56,8 @@ class LogUnreachable(CentralError):
 class SharedLog(Protocol):
     """A replicated log of one run after the other, and the large bodies of the present one."""
 
+    name: str
+    """The name of the log."""
     gives_up: Callable[[], bool]
     """Whether calls that wait for the log fail, because this program must end."""
 

@@ -29,8 +29,8 @@ def _on_disk_space(central: State, event: DiskSpace) -> None:
 
 def _on_members_changed(central: State, event: MembersChanged) -> None:
     central.members = event
-    processes = [one.process for one in event.standbys]
-    behind = [one.process for one in event.standbys if one.behind]
+    ready = [one for one in event.standbys if not one.is_manual]
+    processes, behind = [one.process for one in ready], [one.process for one in ready if one.behind]
     central.facts.append(facts.MembersChanged(event.leader, processes, behind))
 
 

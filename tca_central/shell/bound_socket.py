@@ -33,6 +33,22 @@ def socket_in(context: "zmq.Context[zmq.Socket[bytes]]") -> "zmq.Socket[bytes]":
     return socket
 
 
+def check_can_bind(endpoint: str) -> None:
+    """Raise CentralError if no program can listen at a TCP address. Others are not checked."""
+    if not endpoint.startswith("tcp://"):
+        return
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as socket:
+        try:
+            socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            raise _cannot_listen(endpoint, error) from None
+
+
+def _cannot_listen(endpoint: str, error: zmq.ZMQError) -> CentralError:
+    reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
+    return CentralError(f"can't listen on {endpoint}: {reason}; choose another address with --bind")
+
+
 def bind(
     socket: "zmq.Socket[bytes]",
     endpoint: str,
@@ -48,6 +64,4 @@ def bind(
         context.destroy()
         if isinstance(error, CentralError):
             raise
-        reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
-        msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
-        raise CentralError(msg) from None
+        raise _cannot_listen(endpoint, error) from None

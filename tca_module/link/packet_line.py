@@ -293,5 +293,6 @@ def _advice_on(address: str) -> str:
         return ""
     return key_problem(context(), address) or (
         "it accepts connections, but its process is stopped (SIGSTOP, a paused container:"
-        " continue it) or very busy; or another program listens there, not a central"
+        " continue it) or very busy; or it waits for its replicated log, as its output says; or"
+        " another program listens there, not a central"
     )

@@ -101,8 +101,9 @@ def _members(members: dict[str, Any] | None) -> list[str]:
         return []
     lines = [f"{members['leader']} leads, at {members['address']}"]
     for one in members["standbys"]:
-        lag = f"is {one['behind']} s behind" if one["behind"] else "can take over"
-        lines.append(f"{one['process']} follows, at {one['address']}: it {lag}")
+        can = "leads if a person says so" if one["is_manual"] else "can take over"
+        can = f"is {one['behind']} s behind" if one["behind"] else can
+        lines.append(f"{one['process']} follows, at {one['address']}: it {can}")
     if not members["standbys"]:
         lines.append("no standby follows: start one with 'tca standby'")
     return [printable(line) for line in lines]

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
 from types import FrameType
@@ -33,9 +34,11 @@ class Running:
 
     def __init__(self, robot: RobotFile, output: Output, file: Path) -> None:
         self._output, self._scratch = output, robot.scratch
+        self._address, self._has_others = robot.address, robot.has_others
         self._control = Control(file, self._act, self._report)
         self._lock = threading.Lock()  #: held while a program is started, or the end begins
         self._is_ending = False
+        self._keeps_run = False  #: whether central ends without ending the run
         self._threads = ThreadPoolExecutor(len(robot.programs))
         self._futures: dict[Supervised, Future[None]] = {}
         #: Reasons to end all, with their times. "" stands for a program that has ended.
@@ -62,6 +65,8 @@ class Running:
             for stage in range(3)
         )
         with self._programs, self._threads:
+            if "," in self._address:
+                self._report(f"other programs find central with TCA_CENTRAL={self._address}")
             for one in self._supervised:
                 self._start(one)
             if self._hang_watch is not None:
@@ -73,6 +78,10 @@ class Running:
             self._stop_programs(modules, self._is_hurried)
             if self._hang_watch is not None:
                 self._hang_watch.stop()
+            if self._keeps_run:
+                with suppress(ToolError):
+                    for one in centrals:
+                        self._halt(one)
             self._stop_programs(centrals, self._is_hurried)
             self._stop_programs(servers, self._is_hurried)
         if failure is not None:
@@ -195,6 +204,8 @@ class Running:
         )
 
     def _on_signal(self, number: int, _: FrameType | None) -> None:
+        # A computer that is turned off sends SIGTERM: the centrals of others continue the run.
+        self._keeps_run = self._has_others and number != signal.SIGINT
         self._request_end(f"{signal.Signals(number).name}; a second one kills slow programs")
 
     def _request_end(self, why: str) -> None:

@@ -177,6 +177,8 @@ class RobotFile(msgspec.Struct, frozen=True):
     """First central, unless it runs already."""
     log: Path | None = None
     """The file of what ``tca run`` says itself."""
+    has_others: bool = False
+    """Whether centrals of other computers may continue the run."""
     scratch: Path | None = None
     """The folder of a trial's log that no later start of ``tca run`` reads."""
 
@@ -248,7 +250,9 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
         raise BadUserFile("there are no programs to run: add a table [modules.NAME] with a command")
     servers = [one.cwd for one in programs if one.is_server]
     scratch = servers[0] if servers and not central.journal else None
-    return RobotFile(address, programs, _log(folder, common.get("log", ""), RUN), scratch)
+    has_others = central.replicated_log not in ("", _TRIAL)
+    log = _log(folder, common.get("log", ""), RUN)
+    return RobotFile(address, programs, log, has_others, scratch)
 
 
 def _centrals(table: CentralTable, address: str, folder: Path) -> tuple[str, list[Launch]]:

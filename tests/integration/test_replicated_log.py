@@ -6,6 +6,7 @@ One real NATS server has the log. tests/chaos has lives with three servers that 
 import os
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -135,10 +136,41 @@ def test_end_of_the_run_ends_the_standby(leader: Central, standby: Central) -> N
         lambda: any(one.standbys for one in leader.facts(facts.MembersChanged)),
         "the leader knows that the standby follows",
     )
-    leader.stop()
+    leader.signal(signal.SIGINT)
     assert standby.process.wait() == 0
     (closed,) = standby.facts(facts.Closed)
-    assert closed.why == signal.SIGTERM.name
+    assert closed.why == signal.SIGINT.name
+
+
+def test_terminated_leader_leaves_the_run_to_a_standby(
+    user: Client, leader: Central, standby: Central
+) -> None:
+    leader.signal(signal.SIGTERM)  # as a computer that is turned off
+    assert leader.process.wait() == 0
+    assert user.query(SQUARE, 8) == 64
+    assert user.address == standby.address
+
+
+def test_standby_that_can_not_listen_is_refused(
+    leader: Central, servers: NatsServers, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        bind = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+        log = ("--log", servers.address())
+        with central(tmp_path / "b", *log, bind=bind, command=STANDBY) as standby:
+            assert standby.process.wait() == 1
+
+
+def test_manual_standby_tells_how_it_leads(
+    leader: Central, servers: NatsServers, tmp_path: Path
+) -> None:
+    options = ("--log", servers.address(), "--manual")
+    with central(tmp_path / "b", *options, command=STANDBY) as standby:
+        until(standby.journal.exists, "it follows")
+        leader.kill()
+        hears(standby, f"kill -USR2 {standby.process.pid}")
+        standby.signal(signal.SIGUSR2)
+        hears(standby, "leads now")
 
 
 def test_second_central_follows_the_first(
