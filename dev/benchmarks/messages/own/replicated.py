@@ -9,7 +9,15 @@ SERVERS = 3
 
 
 class Replicated(Library):
-    """As the library, but each turn waits for the servers. They have a standby's reads, too."""
+    """As the library, but each turn waits for the servers. They have a standby's reads, too.
+
+    Args:
+        sync: When servers bring messages to the disk, as ``sync_interval``.
+    """
+
+    def __init__(self, sync: str = "2m") -> None:
+        super().__init__()
+        self._sync = sync
 
     def log_options(self) -> tuple[str, ...]:
         ports, routes = ([free_port() for _ in range(SERVERS)] for _ in range(2))
@@ -18,7 +26,8 @@ class Replicated(Library):
             others = ", ".join(f'"nats://127.0.0.1:{port}"' for port in routes)
             file.write_text(
                 f'server_name: s{number}\nlisten: "127.0.0.1:{ports[number]}"\n'
-                f'jetstream {{ store_dir: "{self.folder}/store{number}" }}\n'
+                f'jetstream {{ store_dir: "{self.folder}/store{number}", '
+                f"sync_interval: {self._sync} }}\n"
                 f'cluster {{ name: bench, listen: "127.0.0.1:{routes[number]}", '
                 f"routes: [{others}] }}\n"
             )
