@@ -1,12 +1,13 @@
 """Followers of a replicated log read what the leader appends, and take over by an append."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import pytest
 from central.player import Player
-from log_model import LogModel, ModelLog
+from log_model import LogModel, Lost, ModelLog, SoundLink
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
@@ -16,12 +17,13 @@ from tca_central.replication.follower import FollowedRunLost, Follower
 from tca_central.replication.member import Member
 from tca_central.replication.records import Image, Pieces, Term, Turn, encode
 from tca_central.replication.shared_inputs import SharedInputs
-from tca_central.replication.shared_log import Deposed, Kind, Message, cut
+from tca_central.replication.shared_log import Deposed, Kind, LogUnreachable, Message, cut
 from tca_central.shell.input_log import INPUT_VERSION, Ended
 from tca_central.shell.store import Store
 from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
+T = TypeVar("T")
 AT = "tcp://one:5555"
 TERM = Term(INPUT_VERSION, PROTOCOL_VERSION, "0.2.0", "run", True, "one:5", AT, "")
 LOW, OK = DiskSpace(1.0, True), DiskSpace(2.0, False)
@@ -159,6 +161,51 @@ def test_log_of_another_version_is_refused() -> None:
     newer = encode(msgspec.structs.replace(TERM, version=INPUT_VERSION + 1))
     with pytest.raises(CentralError, match=r"0\.2\.0"):
         Pieces().add(Message(1, Kind.TERM, newer))
+
+
+class SlowLink(SoundLink):
+    """A link on which a wait takes two seconds longer."""
+
+    def wait(self, seconds: float, is_over: Callable[[], bool]) -> None:
+        super().wait(seconds + 2.0, is_over)
+
+
+def test_wait_for_a_log_that_stalls_is_no_silence(tmp_path: Path) -> None:
+    model = LogModel()
+    leading(model, tmp_path)
+    logs = ModelLog(model), ModelLog(model, SlowLink(model.clock))
+    silences = []
+    for log in logs:
+        follower = Follower(log, lambda _central, _entries: None, clock=model.clock)
+        for _ in range(4):
+            follower.follow(0.5)
+        silences.append(follower.silence)
+    assert silences == [1.5, 0.0]
+
+
+class CutLink(SoundLink):
+    """A link that loses everything while it is cut."""
+
+    is_cut = True
+
+    def send(self, apply: Callable[[], T]) -> T:
+        if self.is_cut:
+            raise Lost
+        return apply()
+
+
+def test_nothing_is_appended_after_a_first_failure(tmp_path: Path) -> None:
+    model = LogModel()
+    leader, inputs = leading(model, tmp_path)
+    link = CutLink(model.clock)
+    inputs = SharedInputs(ModelLog(model, link), leader.last, "one:5", "run", tmp_path)
+    last = model.last
+    with pytest.raises(LogUnreachable):
+        append(inputs, LOW)
+    link.is_cut = False
+    with pytest.raises(LogUnreachable):
+        append(inputs, OK)
+    assert model.last == last
 
 
 # --- records in pieces ----------------------------------------------------------------------------

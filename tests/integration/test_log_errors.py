@@ -12,12 +12,13 @@ from typing import Any
 import nats
 import pytest
 from module.real_central import until
-from nats.js.api import StreamConfig
+from nats.js.api import StreamConfig, StreamInfo
 from nats_servers import NatsServers, free_port
 
 from tca_central.errors import CentralError
 from tca_central.replication import jetstream_connection
 from tca_central.replication.jetstream import JetStreamLog
+from tca_central.replication.log_checks import has_quorum
 from tca_central.replication.shared_log import Kind, LogUnreachable, log_in
 from tca_wire.log_address import without_secrets
 
@@ -240,3 +241,25 @@ def test_reader_gets_all_when_much_is_waiting(servers: NatsServers) -> None:
         while len(seen) < last:
             seen += [message.sequence for message in log.read(len(seen), 5)]
         assert seen == list(range(1, last + 1))
+
+
+@pytest.mark.parametrize(
+    ("states", "expected"),
+    [
+        ([{}, {}], True),
+        ([{}, {"offline": True}], True),
+        ([{"offline": True}, {"offline": True}], False),
+        ([{"active": 10**10}, {"active": 10**10}], False),
+        ([], True),
+    ],
+)
+def test_quorum_needs_more_than_half_of_the_servers(
+    states: list[dict[str, Any]], *, expected: bool
+) -> None:
+    replicas = [{"name": "s", "current": True, "active": 10, **state} for state in states]
+    info = {
+        "config": {"name": "x"},
+        "state": {"messages": 0, "bytes": 0, "first_seq": 0, "last_seq": 0, "consumer_count": 0},
+        "cluster": {"name": "c", "leader": "s0", "replicas": replicas},
+    }
+    assert has_quorum(StreamInfo.from_response(info)) is expected
