@@ -290,7 +290,7 @@ class TakeoverLife(Life):
         A young standby may not have read of the run before its end: it then waits for another one.
         """
         assert self.leader.process is not None
-        self.leader.process.terminate()
+        self.leader.process.send_signal(signal.SIGINT)  # SIGTERM would leave the run to a standby
         self.leader.process.wait()
         for one in self.members:
             assert one.process is not None
