@@ -30,14 +30,14 @@ LIBRARY = [
 def core() -> list[str]:
     """Return the files of central that are compiled.
 
-    Its shell stays Python, and so do the images of its state, which inspect all classes from
-    outside.
+    Its shell and its replication stay Python, and so do the images of its state, which inspect all
+    classes from outside.
     """
     files = sorted(Path("tca_central").rglob("*.py"))
     return [
         str(path)
         for path in files
-        if path.stem not in PURE and path.parent.name not in ("shell", "image")
+        if path.stem not in PURE and path.parent.name not in ("shell", "image", "replication")
     ]
 
 
