@@ -151,6 +151,7 @@ def _member(options: Options, address: str, store: Store, key: str) -> Member:
 
 def _lead(member: Member, options: Options) -> bool:
     """Lead, at once or as a standby. Return False if a signal or the run's end came first."""
+    check_can_bind(str(options.bind))
     if not options.is_standby:
         member.begin(is_fresh=options.fresh)
         return True
@@ -158,7 +159,6 @@ def _lead(member: Member, options: Options) -> bool:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, lambda number, _: signals.append(number))
     signal.signal(signal.SIGUSR2, lambda *_: member.lead_now())
-    check_can_bind(str(options.bind))
     return member.stand_by(
         lambda: bool(signals), after=options.after, has_followed=options.has_followed
     )
@@ -241,7 +241,8 @@ def _install_signal_handlers(server: Daemon, *, is_shared: bool) -> None:
     """Stop at SIGINT and SIGTERM, and at SIGUSR1 so that the run continues at the next start.
 
     With a shared log the run also continues after SIGTERM, which a computer sends to all programs
-    when it is turned off. At SIGHUP check files again or, without a terminal, stop.
+    when it is turned off. At SIGHUP check files again or, if the terminal was closed, stop as after
+    SIGTERM.
     """
     signal.signal(signal.SIGINT, lambda *_: server.stop(signal.SIGINT.name))
     signal.signal(signal.SIGTERM, lambda *_: server.stop(signal.SIGTERM.name, keep=is_shared))
@@ -252,7 +253,7 @@ def _install_signal_handlers(server: Daemon, *, is_shared: bool) -> None:
     def on_hangup(*_: object) -> None:
         """Check keys and permissions again; or end, if the terminal was closed."""
         if has_terminal and not os.isatty(sys.stderr.fileno()):
-            server.stop(signal.SIGHUP.name)
+            server.stop(signal.SIGHUP.name, keep=is_shared)
         else:
             server.check_soon()
 

@@ -58,7 +58,6 @@ class Follower:
         self.central: Central | None = None  #: None: nothing is known yet
         self.last = 0  #: the last message that was read
         self.term: Term | None = None  #: the newest term
-        self.inputs = 0  #: the number of inputs that were handled
         self.image_events = 0  #: the number of events that led to the image
         self.silence = 0.0  #: seconds for which the log has answered, and had no new message
         self._log, self._write, self._adopt, self._key = log, write, adopt, key
@@ -95,7 +94,7 @@ class Follower:
         self.last, self.ended = last, Ended("")
 
     def take_over(self, address: str, *, is_fresh: bool = False) -> bool:
-        """Lead from now on. Return False if the log has gone on meanwhile: follow it first.
+        """Lead from now on. Return False if the log has later messages: follow it first.
 
         With *is_fresh* a new run starts even if the last one is unfinished. Raises CentralError.
         """
@@ -152,7 +151,6 @@ class Follower:
         inputs = [one for one in turn.inputs if not isinstance(one, Ended)]
         entries = []
         for logged, spared in with_spared(iter(inputs)):
-            self.inputs += 1
             for event in events_of(logged, spared, self._adopt):
                 entries += [one.entry for one in central.handle(event) if isinstance(one, Record)]
         self._write(central, entries)

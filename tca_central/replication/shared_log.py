@@ -103,9 +103,9 @@ class SharedLog(Protocol):
         """Return each follower's last sign of life, and the seconds since then."""
 
     def put_body(self, name: str, data: bytes) -> None:
-        """Store a large body, unless it is there. Any thread may call this, and the next three.
+        """Store a large body. One thread beside that of the log may call this.
 
-        All raise LogUnreachable.
+        This and the next three raise LogUnreachable.
         """
 
     def body(self, name: str) -> bytes | None:

@@ -4,9 +4,12 @@ One real NATS server has the log. tests/chaos has lives with three servers that 
 """
 
 import os
+import pty
 import shutil
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -149,6 +152,25 @@ def test_terminated_leader_leaves_the_run_to_a_standby(
     assert leader.process.wait() == 0
     assert user.query(SQUARE, 8) == 64
     assert user.address == standby.address
+
+
+def test_leader_leaves_the_run_when_its_terminal_is_closed(
+    servers: NatsServers, tmp_path: Path
+) -> None:
+    near, far = pty.openpty()
+    log = ("--log", servers.address())
+    where = ("--bind", f"ipc://{tmp_path}/a.sock", "--journal", str(tmp_path / "a"))
+    command = [sys.executable, "-m", "tca_central", *where, *log]
+    with subprocess.Popen(
+        command, stdin=far, stdout=far, stderr=far, start_new_session=True
+    ) as leader:
+        os.close(far)
+        assert b"listening" in os.read(near, 200)
+        with central(tmp_path / "b", *log, command=STANDBY) as standby:
+            until(standby.journal.exists, "it follows")
+            os.close(near)
+            leader.send_signal(signal.SIGHUP)
+            hears(standby, "leads now")
 
 
 def test_standby_that_can_not_listen_is_refused(
